@@ -28,13 +28,20 @@ pub(super) fn unknown(schema: &Schema, path: &str) -> String {
         return what.to_owned();
     }
     let name = path.rsplit('.').next().unwrap_or(path);
-    // The right key in the wrong section is the most common mistake.
+    // The right key in the wrong section is the most common mistake, if that section exists.
     let moved = known
         .iter()
         .find(|key| key.rsplit('.').next() == Some(name))
         .map(String::as_str);
     let sections = schema.keys().map(|key| key.section).filter(|name| !name.is_empty());
-    match moved.or_else(|| nearest(path, known.iter().map(String::as_str).chain(sections))) {
+    let similar = nearest(path, known.iter().map(String::as_str).chain(sections));
+    let stated = path.rsplit_once('.').map_or("", |(section, _)| section);
+    let likeliest = if is_section(schema, stated) {
+        moved.or(similar)
+    } else {
+        similar.or(moved)
+    };
+    match likeliest {
         Some(key) => format!("unknown key; did you mean {key}?"),
         None => format!("unknown key; {list} lists all of them"),
     }

@@ -7,7 +7,7 @@
 
 use super::change_search::ChangeSearch;
 use super::drift_watch::DriftWatch;
-use super::evidence::explained;
+use super::explained::Explained;
 use super::fit::Fit;
 use super::fit_statistic::{BlockFit, EquationFit, NoiseLevel};
 use super::groups::Groups;
@@ -37,6 +37,7 @@ pub struct BlockEstimator {
     /// Blocks since the last change other than a drift.
     since_change: u32,
     drift: DriftWatch,
+    explained: Vec<Explained>,
     score_test: ScoreTest,
     published: Published,
     /// Rows of the block that the estimate uses.
@@ -57,22 +58,22 @@ impl BlockEstimator {
         let (params, equations) = (structure.params, structure.equations.len());
         let drifts = if options.drift_per_s > 0.0 { params } else { 0 };
         let mut estimator = Self {
+            explained: Explained::nothing(&structure).collect(),
             published: Published::new(&options.theta_start(), &groups),
             theta: options.theta_start(),
             before: options.theta_start(),
             later: options.theta_start(),
             structure,
             options,
+            score_test: ScoreTest::new(equations, groups.iter().count(), drifts),
             groups,
             stream_id: 0,
             since_change: u32::MAX,
             drift: DriftWatch::default(),
             used: 0..0,
             regressor: vec![0.0; params],
-            score_test: ScoreTest::new(equations, drifts),
             report,
         };
-        estimator.report.explain_nothing(&estimator.structure);
         estimator.describe();
         Ok(estimator)
     }
@@ -132,7 +133,8 @@ impl BlockEstimator {
         self.stream_id = 0;
         self.report.forget();
         self.score_test.reset();
-        self.report.explain_nothing(&self.structure);
+        self.explained.clear();
+        self.explained.extend(Explained::nothing(&self.structure));
         self.describe();
     }
 
@@ -156,7 +158,7 @@ impl BlockEstimator {
         v.count(&mut self.report.blocks);
         self.options.parameters.iter_mut().for_each(|p| v.flag(&mut p.fixed));
         self.groups.visit(v);
-        v.reals(&mut self.report.explained);
+        self.explained.iter_mut().for_each(|explained| explained.visit(v));
         self.score_test.visit(v);
     }
 
@@ -420,12 +422,9 @@ impl BlockEstimator {
             if stepped {
                 std::mem::swap(&mut group.at, &mut group.trial);
             }
-            let (misfit, freedom, unit) = group.misfit();
-            let told = group.noise_is_told();
-            let excitation = &group.excitation;
+            let (told, excitation) = (group.noise_is_told(), &group.excitation);
             group.clusters.end(changed, told, |i| excitation.share(i));
-            let evidence = group.considered.evidence();
-            self.score_test.take(evidence, unit, misfit, freedom, told);
+            self.score_test.take(k, &group.evidence());
         }
         self.later.copy_from_slice(&self.theta);
         let used = (self.used.clone(), &self.report.fit[..]);
@@ -465,9 +464,8 @@ impl BlockEstimator {
                 };
                 whole.take(e.index, &fit);
                 self.report.fit[e.index] = fit.ratio;
-                if let Some(share) = explained(&fit, level) {
-                    self.report.explained[e.index] = share;
-                }
+                let sensors = rows.sensor_variance(e.index).map(|v| v / (e.divisor * e.divisor));
+                self.explained[e.index].take(&fit, level, sensors);
             }
             let linearised = if before { &self.before } else { &self.theta };
             let pressed = match line {
@@ -542,6 +540,8 @@ impl BlockEstimator {
             group.publish(&self.theta);
         }
         self.published.take(&self.theta, &self.groups, &self.options.relations);
+        self.report.explained.clear();
+        self.report.explained.extend(self.explained.iter().map(|e| e.share));
         self.report.informed = self.groups.iter().all(|g| g.confirmation.is_informed());
         self.report
             .take_parameters(&self.groups, &self.published, self.since_change, &self.options);

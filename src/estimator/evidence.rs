@@ -2,16 +2,10 @@
 //!
 //! ```text
 //! informed     rows so far inform on more than half of the directions of each group    confirmation.rs
-//! explained_e  1 − Σ f_n(θ̂)²/Σ (v_n − v̄)², v = f + φᵀθ̂, in the last block with a signal         here
+//! explained_e  the share of its signal's power that an equation explains               explained.rs
 //! fits         the whitened residuals are noise, in the whole block and at its end      fit_statistic.rs
 //! at ease      no parameter sits on a bound that the data push it against               here
 //! ```
-//!
-//! A noise level that is learnt from the rows cannot tell a bad model from a noisy machine: on
-//! white noise, or with the input's sign the wrong way round, it simply becomes as large as the
-//! signal. The share of the signal's power that the model explains can. It is judged only if the
-//! signal exceeds the noise by 20 dB, or 30 dB if the level was learnt, so that a machine at rest
-//! neither confirms nor refutes a model; before the first such block nothing is explained.
 //!
 //! A bound is at odds with the data if the optimum without bounds lies more than [`PRESSED`]
 //! standard deviations beyond it:
@@ -24,36 +18,14 @@
 //! approaches its bound at 0 and need not sit on it.
 
 use super::equation::{TINY, add_grams, add_scores};
-use super::fit_statistic::{EquationFit, NoiseLevel};
 use super::group::GroupState;
 use super::linalg::{gather, mul_vec};
 
-/// Ratio of signal power to specified noise power above which a block shows what the model
-/// explains.
-const STANDS_OUT: f64 = 100.0;
-/// The same for a learnt noise level, which includes what is unexplained: the noise alone is then
-/// below 0.1 %.
-const STANDS_OUT_OF_LEARNT: f64 = 1000.0;
-/// Share of the signal's power that a model must explain: residuals of at most a fourteenth of the
-/// signal.
-pub const LEAST_EXPLAINED: f64 = 0.995;
 /// Standard deviations by which the optimum may lie beyond a bound: by chance once in 30 000
 /// blocks.
 const PRESSED: f64 = 4.0;
 /// Distance to a bound, as a share of the parameter's size, within which a parameter is checked.
 const NEAR: f64 = 0.1;
-
-/// Share of the signal's power that `fit` explains, beyond the noise if that was specified; `None`
-/// if the signal does not exceed the noise enough.
-pub fn explained(fit: &EquationFit, level: NoiseLevel) -> Option<f64> {
-    let noise = fit.rows as f64 * level.variance;
-    let (least, told) = match level.freedom.is_infinite() {
-        true => (STANDS_OUT, noise),
-        false => (STANDS_OUT_OF_LEARNT, 0.0),
-    };
-    let stands_out = fit.rows > 0 && fit.signal > least * noise;
-    stands_out.then(|| 1.0 - (fit.residual - told).max(0.0) / fit.signal)
-}
 
 impl GroupState {
     /// True if the data push a free parameter beyond its bound. `at` holds the sums at

@@ -25,6 +25,7 @@ use super::options::{EstimatorOptions, Forgetting, Outliers};
 use super::pass::{Loss, Summable, Sums};
 use super::persist::Visit;
 use super::robust::Magnitudes;
+use super::score_sums::GroupEvidence;
 use super::workspace::Workspace;
 use super::{Group, Structure};
 use std::ops::Range;
@@ -491,10 +492,17 @@ impl GroupState {
         self.equations.iter().all(|e| e.floor > 0.0)
     }
 
-    /// χ² of the residuals in `at` and its degrees of freedom, in units of the configured noise
-    /// variance, or else of the learnt one; and that variance.
-    pub fn misfit(&self) -> (f64, f64, f64) {
-        chi_square(&self.equations, &self.at, self.noise_is_told())
+    /// The evidence of the block for terms that the model may lack.
+    pub fn evidence(&self) -> GroupEvidence<'_> {
+        let told = self.noise_is_told();
+        let (misfit, freedom, variance) = chi_square(&self.equations, &self.at, told);
+        GroupEvidence {
+            scores: self.considered.evidence(),
+            variance,
+            misfit,
+            freedom,
+            told,
+        }
     }
 
     /// Λ = σ² P⁻¹ from the present covariance, for a fit with the true prior.

@@ -30,6 +30,7 @@ mod drifting_group;
 mod equation;
 mod error_covariance;
 mod evidence;
+mod explained;
 mod fit;
 mod fit_statistic;
 mod forgetting;
@@ -50,6 +51,7 @@ mod prior;
 mod relation;
 mod report;
 mod robust;
+mod score_sums;
 mod score_test;
 mod state;
 pub(crate) mod stats;
@@ -60,7 +62,7 @@ mod wrls;
 pub use block::BlockEstimator;
 pub use bound::{CovarianceBound, Factor, Polynomial, Rational};
 pub use considered::PER_EQUATION as ERRORS_PER_EQUATION;
-pub use evidence::LEAST_EXPLAINED;
+pub use explained::LEAST_EXPLAINED;
 pub use fit_statistic::MISFIT;
 pub use offline::{BatchReport, batch_least_squares};
 pub use options::{Bound, ChangeDetection, EstimatorError, EstimatorOptions, Forgetting, Outliers, forgetting_factor};
@@ -175,6 +177,11 @@ pub trait Residuals {
     /// and θ are right; `k` counts from 0. `None`, the default, if there is no such window. A plant
     /// that changes just before the block ends shows here first.
     fn tail(&self, _equation: usize, _k: usize, _theta: &[f64]) -> Option<f64> {
+        None
+    }
+    /// Variance that the noise of the sensors alone gives a row of an equation. `None`, the
+    /// default, if it is not known.
+    fn sensor_variance(&self, _equation: usize) -> Option<f64> {
         None
     }
     /// Number of errors of the model for which the rows have a column, at most 1 and

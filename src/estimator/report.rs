@@ -183,14 +183,6 @@ impl Report {
         }
     }
 
-    /// Resets `explained`: 1 for an equation without parameters, which has nothing to explain; 0
-    /// for the others.
-    pub(super) fn explain_nothing(&mut self, structure: &Structure) {
-        for (explained, own) in self.explained.iter_mut().zip(&structure.equations) {
-            *explained = if own.is_empty() { 1.0 } else { 0.0 };
-        }
-    }
-
     /// Resets to a state without data.
     pub(super) fn forget(&mut self) {
         (self.blocks, self.change, self.change_probability) = (0, None, 1.0);

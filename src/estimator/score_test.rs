@@ -2,16 +2,19 @@
 //! the blocks.
 //!
 //! ```text
-//! U_s = Σ_m λ^(M−m) u,  I_s = Σ_m λ^(M−m) i        u, i of each block from considered.rs, in units of the noise
-//! z_s² = U_s² / (I_s x),  â = U_s/I_s             y_s² = U_s² / Σ (u − i â)²
+//! U_gs = Σ_m λ^(M−m) u,  I_gs = Σ_m λ^(M−m) i     u, i of each block from considered.rs, in units of the noise
+//! U_s = Σ_g U_gs/x_g,  I_s = Σ_g I_gs/x_g          over the groups g of equations
+//! z_s² = U_s²/I_s,  â = U_s/I_s                   y_s² = U_s² / Σ_g Σ (u − i â)²/x_g²
 //! ```
 //!
-//! x ≥ 1 is the ratio by which the residuals exceed the noise after the term has explained its
-//! share. Σ (u − i â)², the scatter of the blocks about one amplitude, is the score's variance if
-//! the residuals are correlated over a block, whatever their level (a cluster-robust variance,
-//! K.-Y. Liang and S. L. Zeger 1986). U²/I is the χ² that the term would take away (C. R. Rao's
-//! score test). It is reported as a share of the misfit: of χ² beyond the rows if the noise was
-//! specified, of all χ² if it was learnt from the residuals themselves.
+//! x_g ≥ 1 is the ratio by which the residuals of a group exceed the noise after the term has
+//! explained its share. It is kept for each group: a joint that does not fit must not hide what the
+//! residuals of another one say. Σ (u − i â)², the scatter of the blocks about one amplitude, is
+//! the score's variance if the residuals are correlated over a block, whatever their level (a
+//! cluster-robust variance, K.-Y. Liang and S. L. Zeger 1986). With x = 1, U²/I is the χ² that the
+//! term would take away (C. R. Rao's score test). It is reported as a share of the misfit of the
+//! groups that the term is in: of χ² beyond the rows if the noise was specified, of all χ² if it
+//! was learnt from the residuals themselves.
 //!
 //! A term is named if z exceeds [`NAMED`] and y [`REPEATED`]. With a dozen terms and about a
 //! hundred blocks in memory, a right model has one named by chance once in 1e6 runs; the rest of
@@ -19,11 +22,11 @@
 //! is the likeliest.
 //!
 //! **Posterior.** Even before a term is named, σ allows for the possible terms. With the prior N(0,
-//! Σ), Σ = diag(σ_s²), U and I over all terms at once, and X the larger of x and the ratio of the
-//! scatter to that of white noise,
+//! Σ), Σ = diag(σ_s²), U_g and I_g over all terms at once, and X_g the larger of x_g and the ratio
+//! of the group's scatter to that of white noise,
 //!
 //! ```text
-//! C = (Σ⁻¹ + I/X)⁻¹,  m = C U/X,  M = C + m mᵀ                                (d) of considered.rs
+//! C = (Σ⁻¹ + Σ_g I_g/X_g)⁻¹,  m = C Σ_g U_g/X_g,  M = C + m mᵀ                (d) of considered.rs
 //! ```
 //!
 //! A term whose column holds for slow motion only is also tested on sums of neighbouring rows
@@ -37,8 +40,8 @@
 use super::considered::room_for;
 use super::linalg::Cholesky;
 use super::persist::Visit;
+use super::score_sums::{ENOUGH, GroupEvidence, GroupScores, MEMORY, Term};
 use super::summed_rows::SummedScore;
-use std::ops::Range;
 
 /// Standard deviations above which a term is named.
 const NAMED: f64 = 6.0;
@@ -50,10 +53,6 @@ const BELIEVED: f64 = 4.0;
 const REPEATED_BELIEVED: f64 = 2.0;
 /// Share of all χ² that a term must explain if the noise was learnt.
 const OF_ALL: f64 = 0.2;
-/// Number of blocks that the scatter needs.
-const ENOUGH: f64 = 2.5;
-/// λ per block: a memory of about fifty blocks.
-const MEMORY: f64 = 0.98;
 
 /// A term that the model lacks, with its evidence.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -72,68 +71,19 @@ pub struct Suspicion {
     pub share: f64,
 }
 
-/// Exponentially weighted sums of one term.
-#[derive(Debug, Clone, Copy, Default)]
-struct Term {
-    score: f64,
-    information: f64,
-    score_square: f64,
-    score_information: f64,
-    information_square: f64,
-    blocks: f64,
-}
-
-impl Term {
-    /// Adds a block.
-    fn take(&mut self, score: f64, information: f64) {
-        let informs = score.is_finite() && information.is_finite() && information > 0.0;
-        let (u, i) = if informs { (score, information) } else { (0.0, 0.0) };
-        let new = [u, i, u * u, u * i, i * i, f64::from(u8::from(informs))];
-        for (sum, new) in self.sums_mut().into_iter().zip(new) {
-            *sum = MEMORY * *sum + new;
-        }
-    }
-
-    fn sums_mut(&mut self) -> [&mut f64; 6] {
-        [
-            &mut self.score,
-            &mut self.information,
-            &mut self.score_square,
-            &mut self.score_information,
-            &mut self.information_square,
-            &mut self.blocks,
-        ]
-    }
-
-    /// Σ (u − i â)² with one degree of freedom taken by â.
-    fn scatter(&self, amplitude: f64) -> f64 {
-        let sum = self.score_square - 2.0 * amplitude * self.score_information
-            + amplitude * amplitude * self.information_square;
-        sum * self.blocks / (self.blocks - 1.0).max(0.1)
-    }
-}
-
 /// The sums of every term.
 #[derive(Debug, Clone)]
 pub struct ScoreTest {
-    terms: Vec<Term>,
+    groups: Vec<GroupScores>,
     /// Sums of each term over the scores of summed rows, and χ² of these.
     summed: Vec<Term>,
     summed_misfit: Vec<f64>,
     pending_summed: Vec<SummedScore>,
     /// Index of the first drift.
     drifts: usize,
-    /// U and I of the block so far; I over all blocks, room × room.
-    pending: Vec<f64>,
-    pending_information: Vec<f64>,
-    information: Vec<f64>,
     /// σ_s and M.
     std: Vec<f64>,
     moments: Vec<f64>,
-    /// χ² of the residuals and its degrees of freedom.
-    misfit: f64,
-    freedom: f64,
-    told: bool,
     // scratch
     factor: Cholesky,
     matrix: Vec<f64>,
@@ -141,24 +91,19 @@ pub struct ScoreTest {
 }
 
 impl ScoreTest {
-    /// Workspace for a plant of `equations` equations and the drifts of `drifts` parameters.
-    pub fn new(equations: usize, drifts: usize) -> Self {
+    /// Workspace for a plant of `equations` equations in `groups` groups and the drifts of `drifts`
+    /// parameters.
+    pub fn new(equations: usize, groups: usize, drifts: usize) -> Self {
         let first = room_for(equations);
         let room = first + drifts;
         Self {
+            groups: vec![GroupScores::new(room); groups],
             drifts: first,
-            terms: vec![Term::default(); room],
             summed: vec![Term::default(); first],
             summed_misfit: vec![0.0; first],
             pending_summed: vec![SummedScore::default(); first],
-            pending: vec![0.0; room],
-            pending_information: vec![0.0; room * room],
-            information: vec![0.0; room * room],
             std: vec![0.0; room],
             moments: vec![0.0; room * room],
-            misfit: 0.0,
-            freedom: 0.0,
-            told: true,
             factor: Cholesky::new(room),
             matrix: vec![0.0; room * room],
             mean: vec![0.0; room],
@@ -167,25 +112,18 @@ impl ScoreTest {
 
     /// Forgets everything.
     pub fn reset(&mut self) {
-        self.terms.fill(Term::default());
+        self.groups.iter_mut().for_each(GroupScores::reset);
         self.summed.fill(Term::default());
         self.summed_misfit.fill(0.0);
-        self.information.fill(0.0);
         self.moments.fill(0.0);
-        (self.misfit, self.freedom, self.told) = (0.0, 0.0, true);
     }
 
     /// What goes from block to block.
     pub fn visit(&mut self, v: &mut impl Visit) {
-        for term in self.terms.iter_mut().chain(&mut self.summed) {
-            term.sums_mut().into_iter().for_each(|number| v.real(number));
-        }
+        self.groups.iter_mut().for_each(|group| group.visit(v));
+        self.summed.iter_mut().for_each(|term| term.visit(v));
         v.reals(&mut self.summed_misfit);
-        v.reals(&mut self.information);
         v.reals(&mut self.moments);
-        v.real(&mut self.misfit);
-        v.real(&mut self.freedom);
-        v.flag(&mut self.told);
     }
 
     /// M for the next block: the prior `std(s)` of an error, and `drift(i)` of a parameter, until a
@@ -208,58 +146,23 @@ impl ScoreTest {
 
     /// Begins a block.
     pub fn begin(&mut self) {
-        self.pending.fill(0.0);
-        self.pending_information.fill(0.0);
+        self.groups.iter_mut().for_each(GroupScores::begin);
         self.pending_summed.fill(SummedScore::default());
-        self.misfit *= MEMORY;
-        self.freedom *= MEMORY;
-        self.told = true;
     }
 
-    /// Adds the evidence of a group: scores and information of the terms with noise of `variance`,
-    /// and the χ² of its residuals with its degrees of freedom; `told` is true if the variance is
-    /// not learnt from these residuals.
-    pub fn take(
-        &mut self,
-        (scores, information, summed): (&[f64], &[f64], &[SummedScore]),
-        variance: f64,
-        misfit: f64,
-        freedom: f64,
-        told: bool,
-    ) {
-        let add = |sums: &mut [f64], values: &[f64]| {
-            sums.iter_mut().zip(values).for_each(|(sum, v)| *sum += v / variance);
-        };
-        add(&mut self.pending, scores);
-        add(&mut self.pending_information, information);
+    /// Adds the evidence of a group.
+    pub fn take(&mut self, group: usize, evidence: &GroupEvidence<'_>) {
+        self.groups[group].take(evidence);
+        let (_, _, summed) = evidence.scores;
         let pending = self.pending_summed.iter_mut().zip(summed);
         // the rows of an equation belong to one group
         let informs = |(_, new): &(&mut SummedScore, &SummedScore)| new.information > 0.0;
         pending.filter(informs).for_each(|(own, new)| *own = *new);
-        self.misfit += misfit;
-        self.freedom += freedom;
-        self.told &= told;
     }
 
     /// Ends a block.
     pub fn end(&mut self) {
-        let room = self.std.len();
-        let finite = self
-            .pending
-            .iter()
-            .chain(&self.pending_information)
-            .all(|v| v.is_finite());
-        for (sum, i) in self.information.iter_mut().zip(&self.pending_information) {
-            *sum = MEMORY * *sum + if finite { *i } else { 0.0 };
-        }
-        for (s, (term, u)) in self.terms.iter_mut().zip(&self.pending).enumerate() {
-            let i = if finite {
-                self.pending_information[s * room + s]
-            } else {
-                0.0
-            };
-            term.take(*u, i);
-        }
+        self.groups.iter_mut().for_each(GroupScores::end);
         let summed = self.summed.iter_mut().zip(&mut self.summed_misfit);
         for ((term, misfit), new) in summed.zip(&self.pending_summed) {
             term.take(new.score, new.information);
@@ -277,23 +180,21 @@ impl ScoreTest {
     fn learn(&mut self) {
         let room = self.std.len();
         self.moments.fill(0.0);
-        // drifts are averaged separately: many that agree would hide other terms that do not
-        let scatter = self
-            .scatter_ratio(0..self.drifts)
-            .max(self.scatter_ratio(self.drifts..room));
-        let mut excess = scatter;
+        let (std, drifts) = (&self.std, self.drifts);
+        self.groups.iter_mut().for_each(|group| group.begin_excess(std, drifts));
         for _ in 0..2 {
             let mut count = 0;
-            let considered = |s: &usize| self.std[*s] > 0.0;
+            let considered = |s: &usize| std[*s] > 0.0;
             for (row, s) in (0..room).filter(considered).enumerate() {
-                self.mean[row] = self.std[s] * self.terms[s].score / excess;
+                self.mean[row] = std[s] * self.groups.iter().map(|g| g.terms[s].score / g.excess).sum::<f64>();
                 count = row + 1;
             }
             for (row, s) in (0..room).filter(considered).enumerate() {
                 for (column, r) in (0..room).filter(considered).enumerate() {
                     let unit = if s == r { 1.0 } else { 0.0 };
-                    self.matrix[row * count + column] =
-                        unit + self.std[s] * self.std[r] * self.information[s * room + r] / excess;
+                    let information = |g: &GroupScores| g.information[s * room + r] / g.excess;
+                    let information: f64 = self.groups.iter().map(information).sum();
+                    self.matrix[row * count + column] = unit + std[s] * std[r] * information;
                 }
             }
             if count == 0 || !self.factor.factor(count, &self.matrix[..count * count]) {
@@ -301,15 +202,17 @@ impl ScoreTest {
             }
             self.factor.solve(&mut self.mean[..count]);
             self.factor.inverse(&mut self.matrix[..count * count]);
-            let mut explained = 0.0;
             for (row, s) in (0..room).filter(considered).enumerate() {
-                explained += self.mean[row] * self.std[s] * self.terms[s].score;
                 for (column, r) in (0..room).filter(considered).enumerate() {
                     let second = self.matrix[row * count + column] + self.mean[row] * self.mean[column];
-                    self.moments[s * room + r] = self.std[s] * self.std[r] * second;
+                    self.moments[s * room + r] = std[s] * std[r] * second;
                 }
             }
-            excess = ((self.misfit - explained) / self.freedom.max(1.0)).max(scatter);
+            for group in &mut self.groups {
+                let amplitudes = (0..room).filter(considered).zip(&self.mean);
+                let explained = amplitudes.map(|(s, mean)| mean * std[s] * group.terms[s].score).sum();
+                group.learn_excess(explained);
+            }
         }
         for s in 0..room {
             let believed = self.believed(s).powi(2).max(self.seen_in_sums(s));
@@ -320,20 +223,6 @@ impl ScoreTest {
         }
     }
 
-    /// Scatter of the blocks' scores about one amplitude over what white noise would give, averaged
-    /// over those of the terms that have a prior; at least 1.
-    fn scatter_ratio(&self, terms: Range<usize>) -> f64 {
-        let (mut sum, mut count) = (0.0, 0.0);
-        for (s, term) in terms.clone().zip(&self.terms[terms]) {
-            if self.std[s] > 0.0 && term.blocks >= ENOUGH && term.information > 0.0 {
-                let amplitude = term.score / term.information;
-                sum += term.scatter(amplitude) / term.information;
-                count += 1.0;
-            }
-        }
-        if count > 0.0 { (sum / count).max(1.0) } else { 1.0 }
-    }
-
     /// The likeliest term, if any is significant.
     pub fn likeliest(&self) -> Option<Suspicion> {
         let significant = |j: &Judged| j.blocks >= ENOUGH && j.is_beyond(NAMED, REPEATED);
@@ -341,9 +230,9 @@ impl ScoreTest {
             let likeliest = judged.max_by(|a, b| a.explained.total_cmp(&b.explained));
             likeliest.map(|judged| judged.suspicion)
         };
-        let all = (0..self.terms.len()).filter_map(|s| self.judge(s)).filter(significant);
+        let all = (0..self.std.len()).filter_map(|s| self.judge(s)).filter(significant);
         let in_sums = (0..self.summed.len()).filter_map(|s| self.judge_sums(s));
-        largest(&mut all.filter(|j| self.counts(&j.suspicion)))
+        largest(&mut all.filter(Judged::counts))
             .or_else(|| largest(&mut in_sums.filter(significant).filter(|j| j.suspicion.share > OF_ALL)))
     }
 
@@ -361,54 +250,69 @@ impl ScoreTest {
         let judged = self.judge(suspect);
         judged.map_or(0.0, |j| {
             // if the noise was specified, the first block alone may count
-            let one = j.repeated > REPEATED_BELIEVED || self.told && j.blocks < ENOUGH;
-            match j.suspicion.deviations > BELIEVED && one && self.counts(&j.suspicion) {
+            let one = j.repeated > REPEATED_BELIEVED || j.told && j.blocks < ENOUGH;
+            match j.suspicion.deviations > BELIEVED && one && j.counts() {
                 true => j.suspicion.amplitude.abs(),
                 false => 0.0,
             }
         })
     }
 
-    /// If the noise level was learnt from the residuals, these contain many effects, so a term that
-    /// explains little of them does not count.
-    fn counts(&self, suspicion: &Suspicion) -> bool {
-        self.told || suspicion.share > OF_ALL
-    }
-
     fn judge(&self, suspect: usize) -> Option<Judged> {
-        let freedom = if self.told { self.freedom } else { 0.0 };
-        self.judge_term(suspect, self.terms.get(suspect)?, self.misfit, self.freedom, freedom)
-    }
-
-    /// The same for sums of rows, whose scatter is their noise.
-    fn judge_sums(&self, suspect: usize) -> Option<Judged> {
-        let (term, misfit) = (self.summed.get(suspect)?, self.summed_misfit.get(suspect)?);
-        self.judge_term(suspect, term, *misfit, f64::INFINITY, 0.0)
-    }
-
-    /// `expected`: the part of χ² that is noise.
-    fn judge_term(&self, suspect: usize, term: &Term, misfit: f64, freedom: f64, expected: f64) -> Option<Judged> {
-        if !(term.information > 0.0) {
-            return None;
+        let informed = || self.groups.iter().filter(|g| g.terms[suspect].information > 0.0);
+        let (mut score, mut information) = (0.0, 0.0);
+        for group in informed() {
+            let (term, x) = (&group.terms[suspect], group.excess_with(suspect));
+            score += term.score / x;
+            information += term.information / x;
         }
-        let amplitude = term.score / term.information;
-        let explained = term.score * amplitude;
-        let scatter = term.scatter(amplitude).max(1e-12 * term.score_square);
-        let excess = ((misfit - explained) / freedom.max(1.0)).max(1.0);
-        let misfit = misfit - expected;
+        let amplitude = score / information;
+        let (mut scatter, mut explained, mut misfit) = (0.0, 0.0, 0.0);
+        let (mut blocks, mut told) = (0.0_f64, true);
+        for group in informed() {
+            let (term, x) = (&group.terms[suspect], group.excess_with(suspect));
+            scatter += term.scatter(amplitude).max(1e-12 * term.score_square) / (x * x);
+            explained += amplitude * (2.0 * term.score - amplitude * term.information);
+            misfit += group.misfit - if group.told { group.freedom } else { 0.0 };
+            blocks = blocks.max(term.blocks);
+            told &= group.told;
+        }
         let judged = Judged {
             explained,
-            blocks: term.blocks,
-            repeated: term.score.abs() / scatter.sqrt(),
+            blocks,
+            repeated: score.abs() / scatter.sqrt(),
+            told,
             suspicion: Suspicion {
                 suspect,
                 drifting: suspect.checked_sub(self.drifts),
                 amplitude,
-                deviations: term.score.abs() / (term.information * excess).sqrt(),
+                deviations: score.abs() / information.sqrt(),
                 share: (explained / misfit.max(explained)).clamp(0.0, 1.0),
             },
         };
         (amplitude.is_finite() && scatter > 0.0).then_some(judged)
+    }
+
+    /// The same for sums of rows, whose scatter is their noise.
+    fn judge_sums(&self, suspect: usize) -> Option<Judged> {
+        let (term, misfit) = (self.summed.get(suspect)?, *self.summed_misfit.get(suspect)?);
+        let amplitude = term.score / term.information;
+        let explained = term.score * amplitude;
+        let scatter = term.scatter(amplitude).max(1e-12 * term.score_square);
+        let judged = Judged {
+            explained,
+            blocks: term.blocks,
+            repeated: term.score.abs() / scatter.sqrt(),
+            told: false,
+            suspicion: Suspicion {
+                suspect,
+                drifting: None,
+                amplitude,
+                deviations: term.score.abs() / term.information.sqrt(),
+                share: (explained / misfit.max(explained)).clamp(0.0, 1.0),
+            },
+        };
+        (term.information > 0.0 && amplitude.is_finite() && scatter > 0.0).then_some(judged)
     }
 }
 
@@ -420,10 +324,18 @@ struct Judged {
     blocks: f64,
     /// y.
     repeated: f64,
+    /// The noise of all its rows was specified.
+    told: bool,
     suspicion: Suspicion,
 }
 
 impl Judged {
+    /// If the noise level was learnt from the residuals, these contain many effects, so a term that
+    /// explains little of them does not count.
+    fn counts(&self) -> bool {
+        self.told || self.suspicion.share > OF_ALL
+    }
+
     fn is_beyond(&self, deviations: f64, repeated: f64) -> bool {
         self.suspicion.deviations > deviations && self.repeated > repeated
     }
@@ -433,8 +345,18 @@ impl Judged {
 mod tests {
     use super::*;
 
+    fn evidence<'a>(scores: (&'a [f64], &'a [f64], &'a [SummedScore]), misfit: f64, told: bool) -> GroupEvidence<'a> {
+        GroupEvidence {
+            scores,
+            variance: 1.0,
+            misfit,
+            freedom: 100.0,
+            told,
+        }
+    }
+
     fn after(blocks: &[(f64, f64)], misfit: f64, std: f64) -> ScoreTest {
-        let mut test = ScoreTest::new(1, 0);
+        let mut test = ScoreTest::new(1, 1, 0);
         let room = room_for(1);
         let (mut scores, mut information) = (vec![0.0; room], vec![0.0; room * room]);
         test.prepare(room, |_| std, |_| 0.0);
@@ -442,7 +364,7 @@ mod tests {
             scores[2] = score;
             information[2 * room + 2] = own;
             test.begin();
-            test.take((&scores, &information, &[]), 1.0, 100.0 + misfit, 100.0, true);
+            test.take(0, &evidence((&scores, &information, &[]), 100.0 + misfit, true));
             test.end();
         }
         test
@@ -465,7 +387,7 @@ mod tests {
         let room = room_for(1);
         let (scores, information) = (vec![0.0; room], vec![0.0; room * room]);
         let named = |misfit: f64| {
-            let mut test = ScoreTest::new(1, 0);
+            let mut test = ScoreTest::new(1, 1, 0);
             let mut summed = vec![SummedScore::default(); room];
             test.prepare(room, |_| 1.0, |_| 0.0);
             // amplitude 3, 13 standard deviations a block, which explain 180 of the misfit
@@ -476,7 +398,7 @@ mod tests {
             };
             for _ in 0..4 {
                 test.begin();
-                test.take((&scores, &information, &summed), 1.0, 100.0, 100.0, false);
+                test.take(0, &evidence((&scores, &information, &summed), 100.0, false));
                 test.end();
             }
             (test.likeliest(), test.moments()[4 * room + 4])
@@ -487,6 +409,30 @@ mod tests {
         // a tenth of what the parameters leave of the sums is not enough
         let (suspicion, moment) = named(1800.0);
         assert!(suspicion.is_none() && moment < 1.1, "{moment}");
+    }
+
+    /// A second group whose residuals are a hundred times the noise.
+    #[test]
+    fn regress_a_group_that_does_not_fit_hides_nothing_in_another() {
+        let room = room_for(2);
+        let mut test = ScoreTest::new(2, 2, 0);
+        test.prepare(room, |_| 0.1, |_| 0.0);
+        let (mut scores, mut information) = (vec![0.0; room], vec![0.0; room * room]);
+        (scores[2], information[2 * room + 2]) = (20.0, 10.0);
+        let (other, nothing) = (vec![0.0; room], vec![0.0; room * room]);
+        for _ in 0..4 {
+            test.begin();
+            test.take(0, &evidence((&scores, &information, &[]), 150.0, true));
+            test.take(1, &evidence((&other, &nothing, &[]), 1e6, true));
+            test.end();
+        }
+        // 40 of the group's χ² of 50 beyond its rows
+        let suspicion = test.likeliest().expect("one amplitude in every block");
+        assert!(suspicion.suspect == 2 && (suspicion.share - 0.8).abs() < 1e-9);
+        // the posterior: 39 units of information against a prior of 100, excess 1.1
+        let information = 10.0 * (1.0 + MEMORY + MEMORY.powi(2) + MEMORY.powi(3));
+        let mean = 2.0 * information / (information + 100.0);
+        assert!(test.moments()[2 * room + 2] > (0.9 * mean).powi(2));
     }
 
     #[test]

@@ -22,7 +22,7 @@
 //! explains the signals of every equation, the data push no parameter against a bound, and at least
 //! one parameter is usable. In a block in which the machine rests and no row counts, they may not.
 
-use super::evidence::LEAST_EXPLAINED;
+use super::explained::LEAST_EXPLAINED;
 use super::persist::Visit;
 use super::report::{ChangeKind, Held, Report};
 

@@ -11,6 +11,8 @@ pub use super::misfit::lacking_words;
 
 /// Share of an estimate below which a true value is only rounding of a sum that cancels.
 const NOTHING: f64 = 1e-12;
+/// Share of an input's power below which a model has little to do with the machine.
+const MEANINGLESS: f64 = 0.5;
 
 /// Name and unit of a column: a parameter or a derived value.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -285,8 +287,13 @@ pub fn misfit_words(estimate: &Estimate, least_explained: Option<f64>) -> String
     match least_explained {
         // 0 until a block shows it, see `Report::explained`
         _ if worst == 0.0 => "the noise is too large to judge the model: no block's input has exceeded its noise by \
-             20 dB yet, or 30 dB if the noise level is learnt"
+             20 dB yet, or 30 dB if the noise level is learnt, nor have several by 10 dB that of known sensors"
             .to_owned(),
+        _ if worst < MEANINGLESS => format!(
+            "the model explains {:.0} % of an input's power: check sign, unit and order of the inputs, and whether this \
+             is the machine of the model",
+            100.0 * worst.max(0.0)
+        ),
         Some(least) if worst < least => format!(
             "the model explains {:.1} % of an input's power, less than the {:.1} % expected of it",
             100.0 * worst,
@@ -507,6 +514,7 @@ pub(crate) mod tests {
                 "a parameter is at its bound, or the model lacks a term",
             ),
             (0.5, 0.85, Some(0.9), "less than the 90.0 %"),
+            (0.5, -3.1, None, "explains 0 % of an input's power: check sign, unit"),
             (0.5, 0.0, Some(0.9), "the noise is too large to judge the model"),
             (0.5, 0.0, None, "the noise is too large to judge the model"),
             (

@@ -60,6 +60,18 @@ pub enum LogError {
         /// The likely mistake.
         likely: Option<Box<Suspicion>>,
     },
+    /// Most rows are earlier than the one before.
+    #[error(
+        "the column \"{column}\" runs backwards: {back} of the first {steps} rows are earlier than the row before; sort the rows by time"
+    )]
+    Backwards {
+        /// Column of the time.
+        column: String,
+        /// Number of such rows.
+        back: usize,
+        /// Number of rows that have one before them.
+        steps: usize,
+    },
     /// Most rows cannot be used.
     #[error("expected a log of numbers, got {counts}{}", hint(.likely))]
     Unusable {

@@ -376,6 +376,10 @@ fn fault_a_wrong_argument_is_quoted() {
         ("estimator.blok_len=5", &["did you mean estimator.block_len?"]),
         ("block_len=5", &["did you mean estimator.block_len?"]),
         (
+            "identifier.considred.offset=1",
+            &["did you mean identifier.considered.offset?"],
+        ),
+        (
             "estimator=5",
             &["a section, not a key; its keys are estimator.block_len"],
         ),

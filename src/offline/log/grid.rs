@@ -105,12 +105,16 @@ impl Grid {
         let Some(column) = reader.time_column() else {
             return Ok(());
         };
-        let mut steps: Vec<f64> = ahead
-            .iter()
-            .zip(ahead.iter().skip(1))
-            .map(|(a, b)| b.t_s - a.t_s)
-            .filter(|step| *step > 0.0)
-            .collect();
+        let steps = ahead.iter().zip(ahead.iter().skip(1)).map(|(a, b)| b.t_s - a.t_s);
+        let back = steps.clone().filter(|step| *step < 0.0).count();
+        if 2 * back > steps.len() {
+            return Err(LogError::Backwards {
+                column: cut(column),
+                back,
+                steps: steps.len(),
+            });
+        }
+        let mut steps: Vec<f64> = steps.filter(|step| *step > 0.0).collect();
         steps.sort_by(f64::total_cmp);
         let Some(&median) = steps.get(steps.len() / 2) else {
             return Ok(());

@@ -181,6 +181,11 @@ fn fault_the_likely_mistake_is_named() {
             format!("t,x,u\n{}", rows(|k| format!("{},1,0", k * 2))),
             "plant.sample_period_s = 0.002",
         ),
+        (
+            "newest first",
+            format!("t,x,u\n{}", rows(|k| format!("{},1,0", 300 - k))),
+            "\"t\" runs backwards: 199 of the first 199 rows",
+        ),
         ("another language", "a\u{ff},b\n".to_owned(), "\"a\u{ff}\", \"b\""),
     ];
     for (what, text, words) in cases {

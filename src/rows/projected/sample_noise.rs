@@ -132,6 +132,12 @@ impl SampleNoise {
         self.sensors.deviations(joint)[1]
     }
 
+    /// True if the noise of every joint's sensors is configured, or learnt from their signals.
+    pub fn is_known(&self) -> bool {
+        let known = |joint: usize| self.sensors.deviations(joint).iter().any(|std| *std > 0.0);
+        (0..self.learnt.len()).all(known)
+    }
+
     /// Adopts what another block has learnt of the same sensors.
     pub fn take_over(&mut self, other: &Self) {
         self.sensors = other.sensors;

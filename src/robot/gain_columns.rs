@@ -57,9 +57,11 @@ impl GainColumns {
         for (i, &a) in sums.columns().iter().enumerate() {
             let row = sums.gram[i * m..(i + 1) * m].iter().zip(sums.columns());
             let product = weight * row.map(|(entry, &k)| entry * effective[k]).sum::<f64>();
-            own.cross[a] = product; // (2)
             own.square += effective[a] * product; // (2)
             own.score += weight * effective[a] * sums.moment[i]; // (2)
+            // the time has no parameter
+            let Some(cross) = own.cross.get_mut(a) else { continue };
+            *cross = product; // (2)
             if let Some(load) = load {
                 for (p, factor) in load.indices().zip(load.row(a)) {
                     own.cross[p] += factor * product; // (2), with M of payload.rs

@@ -18,7 +18,8 @@
 //!
 //! At first, (1)–(3) are iterated over all data so far, because the A_j are kept per joint. After
 //! `settle_blocks` blocks they are condensed into Λ and, with a friction walk, (4) lets friction
-//! follow its temperature: Q is (`friction_walk` · size)² per second, for friction only.
+//! follow its temperature: Q is (`friction_walk` · size)² per second, for friction only. Until then
+//! the offsets of the torques have a slope, see [`offset_drift`](super::offset_drift).
 //!
 //! With a payload (`IdentifyOptions::payload`) the last two seconds are kept separate from the
 //! estimate: `watch.rs` tests whether the machine has changed, and data after a change are used for
@@ -39,6 +40,7 @@ use super::jump::Jumps;
 use super::left_out_room::LeftOut;
 use super::levels::LevelRing;
 use super::model::{RobotModel, RobotParameter};
+use super::offset_drift::{OffsetDrift, Origin};
 use super::payload::Payload;
 use super::recent::{RowRing, SliceRing};
 use super::rows::WeakRows;
@@ -71,6 +73,7 @@ pub struct RobotIdentifier {
     pub(super) wide: RobotModel,
     pub(super) left_out: Option<LeftOut>,
     pub(super) drift: FrictionDrift,
+    pub(super) offset_drift: OffsetDrift,
     pub(super) counts: TorqueCounts,
     pub(super) options: IdentifyOptions,
     pub(super) rows: WeakRows,
@@ -89,6 +92,8 @@ pub struct RobotIdentifier {
     pub(super) slices: usize,
     pub(super) total: Vec<JointSums>,
     pub(super) all: Vec<JointSums>,
+    /// The sums without the last slices.
+    pub(super) older: Vec<JointSums>,
     pub(super) pending: SliceRing,
     pub(super) ring: RowRing,
     pub(super) recent: Vec<Vec<JointSums>>,
@@ -105,7 +110,8 @@ pub struct RobotIdentifier {
     pub(super) system: Information,
     pub(super) solver: Solver,
     pub(super) theta: Vec<f64>,
-    /// The parameters of an arm that is equivalent to arm and payload together.
+    /// The parameters of an arm that is equivalent to arm and payload together, then the slopes of
+    /// the offsets.
     pub(super) effective: Vec<f64>,
     pub(super) before: Vec<f64>,
     pub(super) covariance: Vec<f64>,
@@ -144,10 +150,10 @@ impl RobotIdentifier {
         let mut parameters = model.parameters().to_vec();
         let arm = parameters.len();
         parameters.extend(payload.iter().flat_map(Payload::parameters));
-        let (wide, terms) = model.with_left_out(parameters.len());
+        let (wide, terms, drifts) = model.with_left_out(parameters.len());
         let n = parameters.len() + terms.len();
         // parameters that affect rows
-        let acting = if terms.is_empty() { arm } else { n };
+        let acting = n + drifts.len();
         payload = payload.map(|payload| payload.over_columns(acting));
         let columns: Vec<usize> = (0..joints).map(|i| wide.columns(i).len()).collect();
         let empty: Vec<JointSums> = (0..joints).map(|i| JointSums::new(wide.columns(i))).collect();
@@ -167,6 +173,8 @@ impl RobotIdentifier {
             slice: empty.clone(),
             total: empty.clone(),
             all: empty.clone(),
+            older: empty.clone(),
+            offset_drift: OffsetDrift::new(drifts, options.friction_walk > 0.0, &empty),
             pending: SliceRing::new(if options.payload { SLICES } else { 0 }, &empty),
             ring: RowRing::new(windows, &columns),
             recent: vec![empty.clone(); RECENT],
@@ -198,7 +206,7 @@ impl RobotIdentifier {
             recent_rows: RecentRows::new(&options.windows, options.block_s, &columns),
             drift: FrictionDrift::new(arm),
             counts: TorqueCounts::new(arm),
-            left_out: (!terms.is_empty()).then(|| LeftOut::new(terms, options.zero_rad, n)),
+            left_out: (!terms.is_empty()).then(|| LeftOut::new(terms, options.zero_rad, n, acting)),
             wide,
             urdf_prior: Some(UrdfPrior::new(&model)),
             impossibles: Impossibles::new(columns.iter().copied().max().unwrap_or(0)),
@@ -236,6 +244,7 @@ impl RobotIdentifier {
         }
         self.left_out.iter_mut().for_each(LeftOut::reset);
         self.drift.reset();
+        self.offset_drift.reset();
         self.counts.reset();
         self.recent_rows.lacking.fill(false);
         self.impossibles.clear();
@@ -257,6 +266,7 @@ impl RobotIdentifier {
     pub fn fix(&mut self, parameter: usize, value: Option<f64>) {
         self.fixed[parameter] = true;
         self.theta[parameter] = value.unwrap_or(self.theta[parameter]);
+        self.offset_drift.forget(parameter);
         self.solve_known();
     }
 
@@ -274,7 +284,7 @@ impl RobotIdentifier {
 
     /// Recomputes θ̂ from the present information, after a parameter was fixed or freed.
     pub(super) fn solve_known(&mut self) {
-        self.assemble();
+        self.assemble(Origin::Mean);
         self.solver.solve(&self.system, &self.fixed, &mut self.theta);
         self.solve_covariance();
         self.refresh_effective();
@@ -285,6 +295,9 @@ impl RobotIdentifier {
     /// before the first block, so that no value passes for known.
     fn solve_covariance(&mut self) {
         self.bias.fill(0.0);
+        if self.condensed {
+            self.offset_drift.forget_lag();
+        }
         if self.solver.covariance(&self.system, &self.fixed, &mut self.covariance) {
             Solver::bias(&self.system, &self.covariance, &mut self.bias);
             return;
@@ -448,9 +461,6 @@ impl RobotIdentifier {
                 self.solve_all();
             }
             self.solve_covariance();
-            if self.blocks >= self.options.settle_blocks {
-                self.condense();
-            }
         } else {
             self.walk_friction();
             self.follow(changed);
@@ -472,6 +482,10 @@ impl RobotIdentifier {
         self.note_excitation();
         if self.blocks >= TRIED {
             self.of_mass.copy_from_slice(&self.effective);
+        }
+        // last, because it moves the offsets that the tests above look at
+        if self.blocks >= self.options.settle_blocks {
+            self.condense();
         }
         self.review_windows();
         self.block_slices = 0;

@@ -65,7 +65,7 @@ impl RobotIdentifier {
 
     /// (2) with this number of standard deviations.
     fn has_negative_inertia(&self, joint: usize, least: f64, row: &mut [f64]) -> bool {
-        let columns = self.wide.columns(joint);
+        let columns = self.block[joint].columns_below(self.theta.len());
         let row = &mut row[..columns.len()];
         row.fill(0.0);
         self.wide

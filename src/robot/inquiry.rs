@@ -79,7 +79,8 @@ impl RobotIdentifier {
         inquiry.slices = 0;
         inquiry.leans.fill(false);
         inquiry.doubt = Some(RobotDoubt::Unclear);
-        self.effective_of(&watch.inquiry.theta, &mut watch.inquiry.effective);
+        let inquiry = &mut watch.inquiry;
+        self.effective_of(&inquiry.theta, self.now(), &mut inquiry.effective);
     }
 
     /// Begins an inquiry if a gain or a zero explains the last prepared window of `slices` slices.
@@ -170,6 +171,9 @@ impl RobotIdentifier {
         if inquiry.was_loaded != self.is_loaded || inquiry.fixed != self.fixed {
             return;
         }
+        if !self.condensed {
+            self.offset_drift.end();
+        }
         self.condensed = true;
         self.committed.copy_from(&inquiry.known);
         self.pending.clear();
@@ -218,7 +222,7 @@ impl RobotIdentifier {
     pub(super) fn inquire_after_jump(&mut self) {
         let Some(mut watch) = self.watch.take() else { return };
         if !watch.inquiry.is_open() && self.blocks > 0 {
-            self.assemble();
+            self.assemble(self.now());
             self.begin_inquiry(&mut watch);
         }
         self.watch = Some(watch);

@@ -41,7 +41,7 @@ impl RobotIdentifier {
         let left_out = self.left_out.as_ref();
         let drifts = i == j && !self.fixed[i];
         let drift = match drifts {
-            true => self.drift.variance(i) + self.counts.variance(i),
+            true => self.drift.variance(i) + self.offset_drift.variance(i) + self.counts.variance(i),
             false => 0.0,
         };
         let bias = self.bias[i] * self.bias[j]; // (2) of acceleration_noise.rs

@@ -5,6 +5,7 @@ use super::identify::RobotIdentifier;
 use super::information::{Information, Solver};
 use super::left_out_room::LeftOut;
 use super::model::RobotModel;
+use super::offset_drift::{Offsets, Origin};
 use super::payload::Payload;
 use super::spatial::BodyParameters;
 use super::sums::JointSums;
@@ -27,14 +28,7 @@ const SMALLEST_SIZE: f64 = 1e-3;
 impl RobotIdentifier {
     /// (2) and (3) over all data so far.
     pub(super) fn weigh_all(&mut self) {
-        for (all, total) in self.all.iter_mut().zip(&self.total) {
-            all.copy_from(total);
-        }
-        for age in 0..self.pending.len() {
-            for (all, slice) in self.all.iter_mut().zip(&self.pending.get(age).sums) {
-                all.add(slice);
-            }
-        }
+        self.pending.add_to(self.pending.len(), &self.total, &mut self.all);
         for (joint, sums) in self.all.iter().enumerate().filter(|(_, sums)| sums.rows > 0) {
             let rows = sums.rows as f64;
             let own = self.model.friction_of(joint).len().max(1) as f64;
@@ -121,12 +115,14 @@ impl RobotIdentifier {
         (self.inflation[joint] * self.torque_std[joint]).powi(-2)
     }
 
-    /// The prior and `total` as information, for the payload carried during all of it.
+    /// The prior and `total` as information, for the payload carried during all of it; offsets are
+    /// constant if their drift is `None`.
     pub(super) fn of_total(
         model: &RobotModel,
         total: &[JointSums],
         weight: impl Fn(usize) -> f64,
         (mut load, left_out): (Option<&mut Payload>, Option<&LeftOut>),
+        mut drift: Option<Offsets<'_>>,
         into: &mut Information,
     ) {
         into.clear();
@@ -142,6 +138,10 @@ impl RobotIdentifier {
             left_out.set_priors(into);
         }
         for (joint, sums) in total.iter().enumerate().filter(|(_, sums)| sums.rows > 0) {
+            let sums = match &mut drift {
+                Some((drift, origin, fixed)) => drift.eliminate(joint, sums, weight(joint), (*origin, fixed)),
+                None => sums,
+            };
             learn(sums, weight(joint), load.as_deref_mut(), into); // (1)
         }
     }
@@ -151,9 +151,14 @@ impl RobotIdentifier {
         let weight = |joint: usize| (self.inflation[joint] * self.torque_std[joint]).powi(-2);
         let load = self.payload.as_mut().filter(|_| self.is_loaded);
         let besides = (load, self.left_out.as_ref());
-        Self::of_total(&self.model, &self.all, weight, besides, &mut self.system);
+        let offsets = Some((&mut self.offset_drift, Origin::Mean, &self.fixed[..]));
+        Self::of_total(&self.model, &self.all, weight, besides, offsets, &mut self.system);
         self.solver.solve(&self.system, &self.fixed, &mut self.theta); // (1)
-        self.refresh_effective();
+        let mut effective = std::mem::take(&mut self.effective);
+        self.effective_if(self.is_loaded, &self.theta, &mut effective);
+        let now = (&self.fixed[..], self.rows.elapsed_s());
+        self.offset_drift.estimate(&self.all, weight, now, &mut effective);
+        self.effective = effective;
     }
 
     /// Condenses the sums into the information; the weights of past data are final from here on.
@@ -163,21 +168,31 @@ impl RobotIdentifier {
             let weight = |joint: usize| (self.inflation[joint] * self.torque_std[joint]).powi(-2);
             let load = self.payload.as_mut().filter(|_| self.is_loaded);
             let besides = (load, self.left_out.as_ref());
-            Self::of_total(&self.model, &self.total, weight, besides, &mut self.committed);
+            let now_s = self.rows.elapsed_s();
+            let offsets = Some((&mut self.offset_drift, Origin::At(now_s), &self.fixed[..]));
+            Self::of_total(&self.model, &self.total, weight, besides, offsets, &mut self.committed);
+            self.offset_drift.move_offsets(&mut self.theta, now_s);
+            for (joint, sums) in self.recent.iter_mut().flat_map(|block| block.iter_mut().enumerate()) {
+                self.offset_drift.remove_from(joint, sums, now_s);
+            }
+            self.offset_drift.end();
+            self.refresh_effective();
         }
     }
 
-    /// Writes the information without the last `slices` pending slices to `system`; with 0, without
-    /// all of them.
-    pub(super) fn assemble_older(&mut self, slices: usize) {
-        if self.condensed {
-            self.system.copy_from(&self.committed);
-        } else {
+    /// Writes the information of the first `slices` pending slices and of all data before them to
+    /// `system`, with offsets at `origin`.
+    pub(super) fn assemble_older(&mut self, slices: usize, origin: Origin) {
+        if !self.condensed {
+            self.pending.add_to(slices, &self.total, &mut self.older);
             let weight = |joint: usize| (self.inflation[joint] * self.torque_std[joint]).powi(-2);
             let load = self.payload.as_mut().filter(|_| self.is_loaded);
             let besides = (load, self.left_out.as_ref());
-            Self::of_total(&self.model, &self.total, weight, besides, &mut self.system);
+            let offsets = Some((&mut self.offset_drift, origin, &self.fixed[..]));
+            Self::of_total(&self.model, &self.older, weight, besides, offsets, &mut self.system);
+            return;
         }
+        self.system.copy_from(&self.committed);
         for age in 0..slices {
             for joint in 0..self.block.len() {
                 let weight = self.weight(joint);
@@ -190,9 +205,14 @@ impl RobotIdentifier {
         }
     }
 
-    /// Writes the information with all slices to `system`.
-    pub(super) fn assemble(&mut self) {
-        self.assemble_older(self.pending.len());
+    /// Writes the information with all slices to `system`, with offsets at `origin`.
+    pub(super) fn assemble(&mut self, origin: Origin) {
+        self.assemble_older(self.pending.len(), origin);
+    }
+
+    /// The present, for offsets.
+    pub(super) fn now(&self) -> Origin {
+        Origin::At(self.rows.elapsed_s())
     }
 
     /// Commits the oldest pending slices.
@@ -221,7 +241,8 @@ impl RobotIdentifier {
         let n = self.theta.len();
         for (k, &i) in self.frictions.iter().enumerate() {
             let size = self.theta[i].abs().max(self.covariance[i * n + i].max(0.0).sqrt());
-            self.walk[k] = (self.options.friction_walk * size).powi(2) * self.options.block_s; // (4)
+            let per_s = (self.options.friction_walk * size).powi(2); // (4)
+            self.walk[k] = per_s.max(self.offset_drift.walk_per_s(i)) * self.options.block_s;
         }
         self.solver.walk(&mut self.committed, &self.frictions, &self.walk);
     }
@@ -320,13 +341,9 @@ impl RobotIdentifier {
     }
 
     pub(super) fn refresh_effective(&mut self) {
-        match self.payload.as_ref().filter(|_| self.is_loaded) {
-            Some(payload) => payload.effective(&self.theta, &mut self.effective),
-            None => {
-                let len = self.effective.len();
-                self.effective.copy_from_slice(&self.theta[..len]);
-            }
-        }
+        let mut effective = std::mem::take(&mut self.effective);
+        self.effective_of(&self.theta, Origin::Mean, &mut effective);
+        self.effective = effective;
     }
 
     /// Records the excitation of each parameter by the block alone.

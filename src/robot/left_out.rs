@@ -100,7 +100,7 @@ impl RobotIdentifier {
     }
 
     fn judge_left_out(&self, left_out: &mut LeftOut) {
-        self.effective_of(&left_out.theta, &mut left_out.effective);
+        self.effective_with(&left_out.theta, &mut left_out.effective);
         let mut excess = [f64::INFINITY; MAX_JOINTS];
         for (joint, excess) in excess.iter_mut().enumerate().take(self.torque_std.len()) {
             if let Some(level) = self.level(joint, left_out) {
@@ -142,7 +142,7 @@ impl RobotIdentifier {
             if is_likeliest {
                 left_out.theta.copy_from_slice(&self.theta);
                 left_out.step(c, amplitude);
-                self.effective_of(&left_out.theta, &mut left_out.alone);
+                self.effective_with(&left_out.theta, &mut left_out.alone);
                 let share = self.share(what.only_joint(), &left_out.alone);
                 // many effects vary with the position, or look like a delay at a reversal
                 let is_told = !what.is_one_of_many() || share > TELLING;
@@ -160,13 +160,27 @@ impl RobotIdentifier {
         }
     }
 
+    /// The effective parameters of θ with terms, and the slopes of the offsets with these.
+    fn effective_with(&self, theta: &[f64], out: &mut [f64]) {
+        self.effective_if(self.is_loaded, theta, out);
+        if !self.condensed {
+            let weight = |joint: usize| self.weight(joint);
+            self.offset_drift.refit(&self.all, weight, &self.fixed, out);
+        }
+    }
+
     /// x of (8).
     fn scatter(&self, c: usize, left_out: &mut LeftOut) -> f64 {
         let n = self.theta.len();
         let shift = &left_out.shifts[c * n..(c + 1) * n];
         let direction = &mut left_out.direction;
         direction.iter_mut().zip(shift).for_each(|(d, v)| *d = -v);
+        direction[n..].fill(0.0);
         direction[left_out.terms[c].index] = 1.0;
+        if !self.condensed {
+            let weight = |joint: usize| self.weight(joint);
+            self.offset_drift.follow(&self.all, weight, &self.fixed, direction);
+        }
         let (mut squares, mut information) = (0.0, 0.0);
         for block in self.recent.iter().take(self.recent_blocks) {
             let mut score = 0.0;
@@ -230,7 +244,7 @@ impl RobotIdentifier {
         for sums in self.recent_of(joint) {
             square += sums.residual_square(&left_out.effective);
             rows += sums.rows;
-            let end = sums.columns().len() - left_out.shared();
+            let end = sums.columns_below(self.theta.len()).len() - left_out.shared();
             if let Some((misfit, directions)) = friction_misfit(sums, end - terms..end, &left_out.effective) {
                 clusters += misfit / directions;
                 count += 1.0;

@@ -77,8 +77,9 @@ pub(super) struct LeftOut {
 }
 
 impl LeftOut {
-    /// Workspace for `terms`; `n` is the number of parameters and terms together.
-    pub fn new(terms: Vec<LeftOutTerm>, zero_rad: f64, n: usize) -> Self {
+    /// Workspace for `terms`; `n` is the number of parameters and terms together, and rows depend
+    /// on `acting` effective parameters.
+    pub fn new(terms: Vec<LeftOutTerm>, zero_rad: f64, n: usize, acting: usize) -> Self {
         let k = terms.len();
         let considered = terms.iter().filter(|term| term.what.is_considered()).count();
         Self {
@@ -94,9 +95,9 @@ impl LeftOut {
             all: vec![0.0; k],
             factor: Cholesky::new(k),
             theta: vec![0.0; n],
-            effective: vec![0.0; n],
-            alone: vec![0.0; n],
-            direction: vec![0.0; n],
+            effective: vec![0.0; acting],
+            alone: vec![0.0; acting],
+            direction: vec![0.0; acting],
         }
     }
 
@@ -252,7 +253,7 @@ mod tests {
             index,
             scale: 1.0,
         };
-        let mut left_out = LeftOut::new(vec![term(3), term(4)], 0.0, n);
+        let mut left_out = LeftOut::new(vec![term(3), term(4)], 0.0, n, n);
         assert!(left_out.solve(&known, &covariance, &theta));
         for (left_out, all) in left_out.theta.iter().zip(&all) {
             assert!((left_out - all).abs() < 1e-7, "{left_out} {all}");

@@ -13,7 +13,9 @@ use super::base_parameters::{BaseParameters, Standard};
 use super::dynamics::inverse_dynamics;
 use super::error::FrictionError;
 use super::friction::{Engagement, FrictionTerm, JointFriction};
+use super::offset_drift::DriftTerm;
 use super::regressor::{EnergyRegressors, HeldSlopes, TILTS};
+use super::scales::Scales;
 use super::spatial::{BODY_PARAMETERS, BodyParameters};
 use super::state::{FilteredSample, RobotSample};
 use super::tree::Robot;
@@ -92,6 +94,8 @@ enum Column {
     Slope(usize),
     /// Derivative of the joint's measured torque.
     Delay,
+    /// Time since the start, which is known of windows and not of samples.
+    Elapsed,
 }
 
 /// An effect missing in the equations of a robot.
@@ -257,8 +261,9 @@ impl RobotModel {
 
     /// The same model with longer rows: after its own columns each joint has those of the friction
     /// terms that it leaves out, then those of errors of sensors and base that all joints share,
-    /// with indices from `first` on. They are not parameters.
-    pub(super) fn with_left_out(&self, first: usize) -> (Self, Vec<LeftOutTerm>) {
+    /// with indices from `first` on, then that of the time if the joint has an offset. They are not
+    /// parameters.
+    pub(super) fn with_left_out(&self, first: usize) -> (Self, Vec<LeftOutTerm>, Vec<DriftTerm>) {
         let (mut wide, mut left_out) = (self.clone(), Vec::new());
         let scales = Scales::of(&self.robot);
         for (joint, built) in wide.built.iter_mut().enumerate() {
@@ -294,7 +299,19 @@ impl RobotModel {
             left_out.push(LeftOutTerm { what, index, scale });
         }
         wide.has_slopes = true;
-        (wide, left_out)
+        let mut drifts = Vec::new();
+        for joint in 0..n {
+            let (own, terms) = (self.friction_of(joint), &self.friction[joint].terms);
+            let column = self.columns[joint].len() - own.len();
+            let index = first + left_out.len() + drifts.len();
+            let scale = scales.friction(joint, FrictionTerm::Offset);
+            if let Some(drift) = DriftTerm::of(joint, terms, (column, own.start), index, scale) {
+                wide.columns[joint].push(Column::Elapsed);
+                wide.indices[joint].push(index);
+                drifts.push(drift);
+            }
+        }
+        (wide, left_out, drifts)
     }
 
     /// The robot.
@@ -381,10 +398,16 @@ impl RobotModel {
                     Column::Slope(of) => (0.0, -held.slopes[of][i]),
                     // τ measured 1 s late is τ − τ̇
                     Column::Delay => (-sample.tau[i], 0.0),
+                    Column::Elapsed => (0.0, 0.0),
                 };
                 at += 1;
             }
         }
+    }
+
+    /// True if the last column of a joint's rows is the time since the start.
+    pub(super) fn ends_with_time(&self, joint: usize) -> bool {
+        self.columns[joint].last() == Some(&Column::Elapsed)
     }
 
     /// Index of the column of the joint's own rotor, among its columns.
@@ -428,7 +451,7 @@ impl RobotModel {
                     }
                 }
                 Column::Rotor if j == k => take(at, 1.0),
-                Column::Rotor | Column::Friction(_) | Column::Slope(_) | Column::Delay => {}
+                Column::Rotor | Column::Friction(_) | Column::Slope(_) | Column::Delay | Column::Elapsed => {}
             }
         }
     }
@@ -474,63 +497,4 @@ impl RobotModel {
 
 fn has_load(friction: &[JointFriction]) -> bool {
     friction.iter().any(|f| f.terms.contains(&FrictionTerm::Load))
-}
-
-/// Scales of a robot's parameters: mass and reach of the bodies that each joint carries, and the
-/// effort of its drive.
-struct Scales {
-    mass: Vec<f64>,
-    reach: Vec<f64>,
-    turns: Vec<bool>,
-    effort: Vec<f64>,
-}
-
-impl Scales {
-    fn of(robot: &Robot) -> Self {
-        let n = robot.len();
-        let mut mass: Vec<f64> = robot.bodies.iter().map(BodyParameters::mass).collect();
-        let centre = |i: usize| robot.bodies[i].first_moment().norm() / robot.bodies[i].mass();
-        let gyration = |i: usize| (robot.bodies[i].inertia().trace() / robot.bodies[i].mass()).sqrt();
-        let mut reach: Vec<f64> = (0..n).map(|i| centre(i).max(gyration(i))).collect();
-        for i in (0..n).rev() {
-            if let Some(parent) = robot.joints[i].parent {
-                mass[parent] += mass[i];
-                reach[parent] = reach[parent].max(robot.joints[i].placement.translation.norm() + reach[i]);
-            }
-        }
-        Self {
-            mass,
-            reach,
-            turns: robot.joints.iter().map(|joint| joint.turns).collect(),
-            effort: robot
-                .joints
-                .iter()
-                .map(|j| j.limits.effort.unwrap_or(0.0).max(0.0))
-                .collect(),
-        }
-    }
-
-    fn body(&self, standard: Standard) -> f64 {
-        let i = standard.joint();
-        let (mass, reach) = (self.mass[i], self.reach[i]);
-        match standard {
-            Standard::Body { parameter: 0, .. } => mass,
-            Standard::Body { parameter: 1..4, .. } => mass * reach,
-            // Through its gear, the rotor of a small joint can have more inertia than the bodies
-            // that the joint carries.
-            Standard::Rotor { .. } if !self.turns[i] => mass.max(self.mass[0]),
-            Standard::Rotor { .. } => (mass * reach * reach).max(0.1 * self.mass[0] * self.reach[0].powi(2)),
-            Standard::Body { .. } => mass * reach * reach,
-        }
-    }
-
-    fn friction(&self, joint: usize, term: FrictionTerm) -> f64 {
-        const G: f64 = 9.81;
-        let force = self.mass[joint] * G;
-        match term {
-            FrictionTerm::Load => 1.0,
-            _ if self.turns[joint] => (force * self.reach[joint]).max(self.effort[joint]),
-            _ => force.max(self.effort[joint]),
-        }
-    }
 }

@@ -127,23 +127,24 @@ impl Payload {
     /// together.
     pub fn effective(&self, theta: &[f64], out: &mut [f64]) {
         let payload = &theta[self.indices()];
-        for (i, row) in self.map.iter().enumerate() {
-            out[i] = theta[i] + row.iter().zip(payload).map(|(m, x)| m * x).sum::<f64>(); // (1)
+        for (i, (row, theta)) in self.map.iter().zip(theta).enumerate() {
+            out[i] = theta + row.iter().zip(payload).map(|(m, x)| m * x).sum::<f64>(); // (1)
         }
     }
 
     /// (2): adds the payload's part of weight · (A, b) of a joint.
     pub(super) fn scatter(&mut self, sums: &JointSums, weight: f64, into: &mut Information) {
         let (n, m) = (into.n, sums.columns().len());
-        for (i, product) in self.product.iter_mut().take(m).enumerate() {
+        let columns = sums.columns_below(n);
+        for (i, product) in self.product.iter_mut().take(columns.len()).enumerate() {
             *product = [0.0; BODY_PARAMETERS];
-            for (entry, &k) in sums.gram[i * m..(i + 1) * m].iter().zip(sums.columns()) {
+            for (entry, &k) in sums.gram[i * m..(i + 1) * m].iter().zip(columns) {
                 for (product, factor) in product.iter_mut().zip(&self.map[k]) {
                     *product += entry * factor; // (2): A M
                 }
             }
         }
-        for (i, &a) in sums.columns().iter().enumerate() {
+        for (i, &a) in columns.iter().enumerate() {
             for p in 0..BODY_PARAMETERS {
                 let entry = weight * self.product[i][p];
                 into.matrix[a * n + self.first + p] += entry; // (2)

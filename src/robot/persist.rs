@@ -1,10 +1,13 @@
 //! The state that another process needs to continue a robot's identification.
 //!
 //! Saving commits the pending rows and condenses the sums, so a continued identification keeps the
-//! weights of past data. While an inquiry is open, or if a drive or an encoder has changed, the
-//! state is that before the change, so a process that continues from it finds the change again.
+//! weights of past data. The information is on the present offsets of the torques; θ̂ has those
+//! that were reported, until the next block. While an inquiry is open, or if a drive or an encoder
+//! has changed, the state is that before the change, so a process that continues from it finds the
+//! change again.
 
 use super::identify::RobotIdentifier;
+use super::offset_drift::Origin;
 use super::watch::LEARNT;
 use crate::estimator::persist::{Load, Save, Visit};
 use crate::estimator::{EstimatorState, StateError};
@@ -14,7 +17,7 @@ impl RobotIdentifier {
     pub fn save(&mut self, into: &mut EstimatorState) {
         into.reals.clear();
         into.counts.clear();
-        self.assemble();
+        self.assemble(self.now());
         let is_before = self.swap_with_before();
         let mut save = Save(into);
         save.reals(&mut self.theta);
@@ -60,7 +63,7 @@ impl RobotIdentifier {
         self.slices = LEARNT;
         self.levels.clear();
         self.forget_recent();
-        self.assemble();
+        self.assemble(Origin::Mean);
         self.refresh_effective();
         let positive = |x: &f64| *x >= 0.0;
         if !self.torque_std.iter().chain(&self.inflation).all(positive)
@@ -74,6 +77,7 @@ impl RobotIdentifier {
     fn visit_rest(&mut self, v: &mut impl Visit) {
         v.reals(&mut self.torque_std);
         v.reals(&mut self.inflation);
+        self.offset_drift.visit(v);
         v.reals(&mut self.figures.explained);
         for recent in &mut self.figures.recent {
             recent.visit(v);

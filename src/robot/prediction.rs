@@ -154,7 +154,14 @@ impl Forecaster {
         self.sums.iter_mut().for_each(JointSums::mirror);
         let RowMisfit { std, correlation } = &self.misfit;
         let weight = |joint: usize| (std[joint] * correlation[joint]).powi(-2);
-        RobotIdentifier::of_total(&self.model, &self.sums, weight, (None, None), &mut self.information); // (1)
+        RobotIdentifier::of_total(
+            &self.model,
+            &self.sums,
+            weight,
+            (None, None),
+            None,
+            &mut self.information,
+        ); // (1)
     }
 
     /// ½ ln det Λ − ½ ln det Λ₀ of the last motion \[nat\]: the larger, the smaller the confidence

@@ -138,6 +138,18 @@ impl SliceRing {
         &self.slices[(self.next + room - self.len + age) % room]
     }
 
+    /// Writes the sums of the first `slices` slices and `before` to `into`.
+    pub fn add_to(&self, slices: usize, before: &[JointSums], into: &mut [JointSums]) {
+        for (into, before) in into.iter_mut().zip(before) {
+            into.copy_from(before);
+        }
+        for age in 0..slices {
+            for (into, slice) in into.iter_mut().zip(&self.get(age).sums) {
+                into.add(slice);
+            }
+        }
+    }
+
     /// Removes the oldest slice; its sums stay readable until the next [`push`](Self::push).
     pub fn pop(&mut self) -> Option<&Slice> {
         self.len = self.len.checked_sub(1)?;

@@ -96,6 +96,9 @@ pub struct WeakRows {
     regressors: EnergyRegressors,
     slopes: HeldSlopes,
     last: Option<RobotSample>,
+    /// Time of the newest sample, and of the start, without the time between recordings \[s\].
+    newest_s: f64,
+    start_s: Option<f64>,
     /// d and c of this sample, and of the one before.
     differentiated: [Vec<f64>; 2],
     direct: [Vec<f64>; 2],
@@ -138,6 +141,8 @@ impl WeakRows {
             regressors: EnergyRegressors::new(joints),
             slopes: HeldSlopes::new(options.length_s / SLOPES_PER_WINDOW),
             last: None,
+            newest_s: 0.0,
+            start_s: None,
             differentiated: room(),
             direct: room(),
             step: vec![0.0; entries],
@@ -170,6 +175,11 @@ impl WeakRows {
         }
     }
 
+    /// Time since the start, without that between recordings \[s\].
+    pub(super) fn elapsed_s(&self) -> f64 {
+        self.start_s.map_or(0.0, |start_s| self.newest_s - start_s)
+    }
+
     /// The regressors at the newest sample.
     pub(super) fn regressors(&self) -> &EnergyRegressors {
         &self.regressors
@@ -193,6 +203,7 @@ impl WeakRows {
         self.restart();
         self.largest = Default::default();
         self.motion = Motion::default();
+        self.start_s = None;
     }
 
     /// The limit at which a joint's torque is clipped in motion, with the share of the samples at
@@ -220,7 +231,10 @@ impl WeakRows {
         let gap = match &self.last {
             Some(last) if sample.t_s <= last.t_s => return Err(SampleFault::NotLater),
             Some(last) => sample.t_s - last.t_s,
-            None => f64::INFINITY,
+            None => {
+                self.start_s = Some(sample.t_s - self.elapsed_s());
+                f64::INFINITY
+            }
         };
         let travel = match &self.last {
             Some(last) => self.noise.travel(last, sample, n),
@@ -260,6 +274,7 @@ impl WeakRows {
             }
         }
         self.last = Some(*sample);
+        self.newest_s = sample.t_s;
         Ok(())
     }
 
@@ -332,9 +347,13 @@ impl WeakRows {
             regressors: &self.regressors,
             variances: &variances,
         };
+        let elapsed_s = self.start_s.map_or(0.0, |start_s| window.center - start_s);
         let mut at = 0;
         for joint in 0..self.joints {
             let len = model.columns(joint).len();
+            if model.ends_with_time(joint) {
+                sums[at + len - 1] = elapsed_s;
+            }
             let rests = self.needs_motion[joint] && window.rest[joint] > self.options.max_rest * window.weight;
             if !rests {
                 take(WeakRow {

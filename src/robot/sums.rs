@@ -162,12 +162,22 @@ impl JointSums {
         }
     }
 
-    /// Adds weight · A, weight · b and the weighted bias to an n × n information and its vectors.
+    /// The columns with indices below n, without that of the time, which is the last.
+    pub fn columns_below(&self, n: usize) -> &[usize] {
+        match self.columns.split_last() {
+            Some((last, others)) if *last >= n => others,
+            _ => &self.columns,
+        }
+    }
+
+    /// Adds weight · A, weight · b and the weighted bias to an n × n information and its vectors,
+    /// without the column of the time.
     pub fn scatter(&self, weight: f64, into: &mut Information) {
         let n = into.n;
         let m = self.moment.len();
-        for (i, &a) in self.columns.iter().enumerate() {
-            for (entry, &b) in self.gram[i * m..(i + 1) * m].iter().zip(&self.columns) {
+        let columns = self.columns_below(n);
+        for (i, &a) in columns.iter().enumerate() {
+            for (entry, &b) in self.gram[i * m..(i + 1) * m].iter().zip(columns) {
                 into.matrix[a * n + b] += weight * entry;
             }
             into.vector[a] += weight * self.moment[i];

@@ -5,6 +5,7 @@ use super::change::{ChangeCause, Extra, RobotChange, Suspect};
 use super::gain_columns::GainColumns;
 use super::identify::RobotIdentifier;
 use super::learning::learn;
+use super::offset_drift::Origin;
 use super::recent::RowRing;
 use super::sums::JointSums;
 use super::watch_room::Watch;
@@ -89,12 +90,13 @@ impl RobotIdentifier {
     /// cannot be solved.
     fn prepare(&mut self, watch: &mut Watch, slices: usize) -> bool {
         let older = self.pending.len().saturating_sub(slices);
-        self.assemble_older(older);
+        let now = self.now();
+        self.assemble_older(older, now);
         watch.theta.copy_from_slice(&self.theta);
         if !self.solver.solve(&self.system, &self.fixed, &mut watch.theta) {
             return false;
         }
-        self.effective_of(&watch.theta, &mut watch.effective);
+        self.effective_of(&watch.theta, now, &mut watch.effective);
         for (joint, window) in watch.window.iter_mut().enumerate() {
             window.clear();
             for age in older..self.pending.len() {
@@ -113,16 +115,18 @@ impl RobotIdentifier {
         }
     }
 
-    /// The parameters of an arm that is equivalent to these parameters.
-    pub(super) fn effective_of(&self, theta: &[f64], out: &mut [f64]) {
+    /// The parameters of an arm that is equivalent to these parameters with offsets at `origin`.
+    pub(super) fn effective_of(&self, theta: &[f64], origin: Origin, out: &mut [f64]) {
         self.effective_if(self.is_loaded, theta, out);
+        self.offset_drift.add_to(out, origin);
     }
 
-    /// The same with or without a payload.
+    /// The same with or without a payload, and without slopes of the offsets.
     pub(super) fn effective_if(&self, is_loaded: bool, theta: &[f64], out: &mut [f64]) {
+        out[theta.len()..].fill(0.0);
         match self.payload.as_ref().filter(|_| is_loaded) {
             Some(payload) => payload.effective(theta, out),
-            None => out.copy_from_slice(&theta[..out.len()]),
+            None => out[..theta.len()].copy_from_slice(theta),
         }
     }
 
@@ -250,7 +254,7 @@ impl RobotIdentifier {
         let extra = self.extra(suspect, &watch.friction_std, &watch.gains);
         watch.evidence.weigh(&self.system, &watch.data, &self.fixed, extra)?;
         // The step from the previous estimate, as a step of the arm's parameters.
-        self.effective_of(&watch.evidence.delta, &mut watch.changed);
+        self.effective_if(self.is_loaded, &watch.evidence.delta, &mut watch.changed);
         extra.add(&watch.evidence.extra, &mut watch.changed);
         for (changed, effective) in watch.changed.iter_mut().zip(&watch.effective) {
             *changed += effective;
@@ -353,10 +357,11 @@ impl RobotIdentifier {
         self.unload();
         if was_loaded {
             // Test whether there is any payload.
-            self.assemble_older(0);
+            let now = self.now();
+            self.assemble_older(0, now);
             watch.theta.copy_from_slice(&self.theta);
             if self.solver.solve(&self.system, &self.fixed, &mut watch.theta) {
-                self.effective_of(&watch.theta, &mut watch.effective);
+                self.effective_of(&watch.theta, now, &mut watch.effective);
                 for (window, sums) in watch.window.iter_mut().zip(&self.pending.get(0).sums) {
                     window.copy_from(sums);
                 }

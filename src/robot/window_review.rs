@@ -68,5 +68,7 @@ impl RobotIdentifier {
         self.block.iter_mut().for_each(JointSums::clear);
         self.total.iter_mut().for_each(JointSums::clear);
         (self.recent_blocks, self.blocks) = (0, 0);
+        self.offset_drift.reset();
+        self.refresh_effective();
     }
 }

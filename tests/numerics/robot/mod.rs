@@ -5,6 +5,7 @@ mod coarse_encoders;
 #[cfg(feature = "config")]
 mod config;
 mod contradiction;
+mod drifting_offsets;
 mod drives;
 mod dynamics;
 mod excitation;

@@ -1,0 +1,68 @@
+//! Size of a robot's parameters, by its URDF.
+
+use super::base_parameters::Standard;
+use super::friction::FrictionTerm;
+use super::spatial::BodyParameters;
+use super::tree::Robot;
+
+/// Scales of a robot's parameters: mass and reach of the bodies that each joint carries, and the
+/// effort of its drive.
+pub(super) struct Scales {
+    mass: Vec<f64>,
+    reach: Vec<f64>,
+    turns: Vec<bool>,
+    effort: Vec<f64>,
+}
+
+impl Scales {
+    /// Those of a robot.
+    pub fn of(robot: &Robot) -> Self {
+        let n = robot.len();
+        let mut mass: Vec<f64> = robot.bodies.iter().map(BodyParameters::mass).collect();
+        let centre = |i: usize| robot.bodies[i].first_moment().norm() / robot.bodies[i].mass();
+        let gyration = |i: usize| (robot.bodies[i].inertia().trace() / robot.bodies[i].mass()).sqrt();
+        let mut reach: Vec<f64> = (0..n).map(|i| centre(i).max(gyration(i))).collect();
+        for i in (0..n).rev() {
+            if let Some(parent) = robot.joints[i].parent {
+                mass[parent] += mass[i];
+                reach[parent] = reach[parent].max(robot.joints[i].placement.translation.norm() + reach[i]);
+            }
+        }
+        Self {
+            mass,
+            reach,
+            turns: robot.joints.iter().map(|joint| joint.turns).collect(),
+            effort: robot
+                .joints
+                .iter()
+                .map(|j| j.limits.effort.unwrap_or(0.0).max(0.0))
+                .collect(),
+        }
+    }
+
+    /// Standard deviation of a parameter of a body or a rotor that covers any machine of this size.
+    pub fn body(&self, standard: Standard) -> f64 {
+        let i = standard.joint();
+        let (mass, reach) = (self.mass[i], self.reach[i]);
+        match standard {
+            Standard::Body { parameter: 0, .. } => mass,
+            Standard::Body { parameter: 1..4, .. } => mass * reach,
+            // Through its gear, the rotor of a small joint can have more inertia than the bodies
+            // that the joint carries.
+            Standard::Rotor { .. } if !self.turns[i] => mass.max(self.mass[0]),
+            Standard::Rotor { .. } => (mass * reach * reach).max(0.1 * self.mass[0] * self.reach[0].powi(2)),
+            Standard::Body { .. } => mass * reach * reach,
+        }
+    }
+
+    /// The same of a term of a joint's friction.
+    pub fn friction(&self, joint: usize, term: FrictionTerm) -> f64 {
+        const G: f64 = 9.81;
+        let force = self.mass[joint] * G;
+        match term {
+            FrictionTerm::Load => 1.0,
+            _ if self.turns[joint] => (force * self.reach[joint]).max(self.effort[joint]),
+            _ => force.max(self.effort[joint]),
+        }
+    }
+}

@@ -6,8 +6,9 @@ use super::signals::Signals;
 use super::view::{Health, Row, Times, Trend, View};
 use crate::messages::{ErrorCode, Estimate, ParameterSet, Sample, State, Status, Timing, estimate_flags, status_flags};
 use crate::model::MAX_JOINTS;
-use crate::node::monitor::{Truth, misfit_words, poorly_excited_words, seconds};
+use crate::node::monitor::{Truth, seconds};
 use crate::node::predicted_input::PredictedInput;
+use crate::node::state_words::{misfit_words, poorly_excited_words};
 use crate::report::{DERIVED_USABLE, Known, Rounded, headline, pretty_unit};
 use std::collections::VecDeque;
 

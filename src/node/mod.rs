@@ -31,6 +31,7 @@ mod rowless;
 mod sample_gate;
 #[cfg(feature = "sim")]
 pub mod simulated_plant;
+pub mod state_words;
 mod status_tracker;
 pub mod stream;
 #[cfg(test)]

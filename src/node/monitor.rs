@@ -1,8 +1,8 @@
 //! The monitor as a value: estimates in, text lines and a record of the run out.
 
 use super::block_history::BlockHistory;
+use super::state_words::{misfit_words, poorly_excited_words};
 use super::stream::{Place, StreamCursor};
-use crate::estimator::MISFIT;
 use crate::messages::{Description, ErrorCode, Estimate, LastError, State, Status, estimate_flags};
 use std::fmt::Write as _;
 
@@ -11,8 +11,6 @@ pub use super::misfit::lacking_words;
 
 /// Share of an estimate below which a true value is only rounding of a sum that cancels.
 const NOTHING: f64 = 1e-12;
-/// Share of an input's power below which a model has little to do with the machine.
-const MEANINGLESS: f64 = 0.5;
 
 /// Name and unit of a column: a parameter or a derived value.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -272,47 +270,6 @@ fn worst_relative_error(estimate: &Estimate, truth: &[f64]) -> f64 {
         )
 }
 
-/// Why an estimate is in the state `misfit`, as far as it shows; `least_explained` is the share of
-/// each signal's power that the model is [expected](super::model::Model::least_explained) to
-/// explain, if that is known.
-pub fn misfit_words(estimate: &Estimate, least_explained: Option<f64>) -> String {
-    let p = estimate.fit_probability;
-    if p < MISFIT {
-        return format!(
-            "the residuals are larger than noise explains: p = {p:.1e} in the block or in its last part, below {MISFIT:e}"
-        );
-    }
-    let shares = estimate.explained.iter().take(estimate.equations as usize);
-    let worst = shares.copied().fold(f64::INFINITY, f64::min);
-    match least_explained {
-        // 0 until a block shows it, see `Report::explained`
-        _ if worst == 0.0 => "the noise is too large to judge the model: no block's input has exceeded its noise by \
-             20 dB yet, or 30 dB if the noise level is learnt, nor have several by 10 dB that of known sensors"
-            .to_owned(),
-        _ if worst < MEANINGLESS => format!(
-            "the model explains {:.0} % of an input's power: check sign, unit and order of the inputs, and whether this \
-             is the machine of the model",
-            100.0 * worst.max(0.0)
-        ),
-        Some(least) if worst < least => format!(
-            "the model explains {:.1} % of an input's power, less than the {:.1} % expected of it",
-            100.0 * worst,
-            100.0 * least
-        ),
-        Some(_) => "a parameter is at its bound, or the model lacks a term".to_owned(),
-        None => format!(
-            "the model explains {:.1} % of an input's power, a parameter is at its bound, or the model lacks a term",
-            100.0 * worst
-        ),
-    }
-}
-
-/// Explains the state `poorly_excited` for a model of `all` parameters, of which `usable` may be
-/// used.
-pub fn poorly_excited_words(usable: usize, all: usize) -> String {
-    format!("the motion leaves some parameters open; {usable} of {all} may be used all the same")
-}
-
 /// (estimate − truth) / truth; `None` if the truth is 0 or only rounding.
 pub fn relative_error(estimate: f64, truth: f64) -> Option<f64> {
     let is_nothing = truth == 0.0 || truth.abs() < NOTHING * estimate.abs();
@@ -487,47 +444,6 @@ pub(crate) mod tests {
             "missing 3",
         ] {
             assert!(line.contains(part), "{part:?} is not in {line:?}");
-        }
-    }
-
-    /// p, the explained share and the expected share decide independently.
-    #[test]
-    fn regress_a_misfit_is_explained_by_what_the_estimate_tells_and_by_the_limit_of_its_model() {
-        for (p, explained, least, said) in [
-            (
-                1.7e-4,
-                1.0,
-                Some(0.995),
-                "p = 1.7e-4 in the block or in its last part, below 2e-4",
-            ),
-            (1e-9, 0.5, Some(0.9), "p = 1.0e-9"),
-            (
-                0.5,
-                0.97,
-                Some(0.995),
-                "explains 97.0 % of an input's power, less than the 99.5 %",
-            ),
-            (
-                0.5,
-                0.97,
-                Some(0.9),
-                "a parameter is at its bound, or the model lacks a term",
-            ),
-            (0.5, 0.85, Some(0.9), "less than the 90.0 %"),
-            (0.5, -3.1, None, "explains 0 % of an input's power: check sign, unit"),
-            (0.5, 0.0, Some(0.9), "the noise is too large to judge the model"),
-            (0.5, 0.0, None, "the noise is too large to judge the model"),
-            (
-                0.5,
-                0.97,
-                None,
-                "explains 97.0 % of an input's power, a parameter is at its bound, or",
-            ),
-        ] {
-            let mut message = estimate(3, 10.0);
-            (message.fit_probability, message.explained[0]) = (p, explained);
-            let words = misfit_words(&message, least);
-            assert!(words.contains(said), "{words}");
         }
     }
 

@@ -1,7 +1,8 @@
 //! `summary.json` and the result table: the result of a run, with the truth if known.
 
 use crate::messages::{Estimate, State};
-use crate::node::monitor::{MonitorNode, lacking_words, misfit_words, poorly_excited_words, relative_error, seconds};
+use crate::node::monitor::{MonitorNode, lacking_words, relative_error, seconds};
+use crate::node::state_words::{misfit_words, poorly_excited_words};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fmt;

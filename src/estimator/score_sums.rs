@@ -18,7 +18,7 @@ pub const ENOUGH: f64 = 2.5;
 
 /// The evidence of a group in one block.
 pub struct GroupEvidence<'a> {
-    /// u and i of the terms, room × room, and those of summed rows.
+    /// u (one per term) and i (square matrix) of the rows, and the evidence of their sums.
     pub scores: (&'a [f64], &'a [f64], &'a [SummedScore]),
     /// Variance of the noise that they are divided by.
     pub variance: f64,

@@ -20,9 +20,11 @@ pub fn misfit_words(estimate: &Estimate, least_explained: Option<f64>) -> String
     let worst = shares.copied().fold(f64::INFINITY, f64::min);
     match least_explained {
         // 0 until a block shows it, see `Report::explained`
-        _ if worst == 0.0 => "the noise is too large to judge the model: no block's input has exceeded its noise by \
-             20 dB yet, or 30 dB if the noise level is learnt, nor have several by 10 dB that of known sensors"
-            .to_owned(),
+        _ if worst == 0.0 => {
+            "the noise is too large to judge the model: no block's input has exceeded it by 20 dB yet \
+             (30 dB if it is learnt; 10 dB in several blocks if the sensors' noise is known)"
+                .to_owned()
+        }
         _ if worst < MEANINGLESS => format!(
             "the model explains {:.0} % of an input's power: check sign, unit and order of the inputs, and whether this \
              is the machine of the model",

@@ -28,11 +28,12 @@
 //! | `regressor` | momentum and Lagrangian regressors, without accelerations |
 //! | `dynamics` | inverse and forward dynamics, by independent algorithms |
 //! | `base_parameters` | the parameter combinations on which torques depend |
-//! | `friction`, `model` | friction per joint; the whole robot as one linear model |
+//! | `friction`, `scales`, `model` | friction per joint; sizes of the parameters; the whole robot as one linear model |
 //! | `rows`, `sums`, `information` | samples → weak-form rows → normal equations |
 //! | `windows`, `window_review` | length of the windows, and when they become longer |
 //! | `acceleration_noise`, `encoder_noise`, `velocity_noise` | effect of errors of the velocities, formed from positions or measured |
 //! | `identify`, `learning`, `known`, `figures` | blocks → estimates with standard deviations and goodness of fit |
+//! | `friction_drift`, `offset_drift` | friction and offsets that drift |
 //! | `clipped` | clipped torques |
 //! | `explained` | share of each joint's torque that the model explains |
 //! | `left_out` | terms missing in the model, from the residuals |

@@ -177,13 +177,10 @@ impl OffsetDrift {
             return sums;
         };
         let term = self.terms[k];
-        let origin_s = match origin {
-            Origin::At(t_s) => t_s,
-            Origin::Mean => {
-                self.mean_s[k] = term.mean_s(sums);
-                self.mean_s[k]
-            }
-        };
+        if matches!(origin, Origin::Mean) {
+            self.mean_s[k] = term.mean_s(sums);
+        }
+        let origin_s = self.origin_s(k, origin);
         let without = &mut self.without[joint];
         without.copy_from(sums);
         let m = sums.columns().len();
@@ -259,11 +256,15 @@ impl OffsetDrift {
     /// offsets are those at the start.
     pub fn add_to(&self, effective: &mut [f64], origin: Origin) {
         for (k, term) in self.terms.iter().enumerate() {
-            let origin_s = match origin {
-                Origin::At(t_s) => t_s,
-                Origin::Mean => self.mean_s[k],
-            };
-            term.add(self.slopes[k], origin_s, effective);
+            term.add(self.slopes[k], self.origin_s(k, origin), effective);
+        }
+    }
+
+    /// t_r of an offset \[s\].
+    fn origin_s(&self, k: usize, origin: Origin) -> f64 {
+        match origin {
+            Origin::At(t_s) => t_s,
+            Origin::Mean => self.mean_s[k],
         }
     }
 

@@ -4,7 +4,7 @@
 //! |---|---|---|
 //! | `Collecting` | at the start | with the first block that gives an estimate |
 //! | `Converging` | otherwise | |
-//! | `Converged` | after two blocks in a row that the estimate before them predicted and that moved it little | a block that it does not predict |
+//! | `Converged` | after two blocks in a row that the estimate before them predicted and that moved it little; more after repeated misfits | a block that it does not predict |
 //! | `Changing` | a change of the plant in this block | a later block that was predicted, as soon as it is clear what has changed |
 //! | `PoorlyExcited` | two blocks in a row that leave some direction of the free parameters open | a block that leaves none |
 //! | `Degraded` | more than 5 % of the samples lost or of the rows outliers | two blocks in a row with at most 1 % |
@@ -15,6 +15,10 @@
 //! the size of the equation's terms, in every equation; `Converged` is left only at twice the
 //! former and 5 %. This judges θ̂ as a whole: a direction that hardly affects the plant need not be
 //! known to predict the plant. *Moved little* means by less than three standard deviations or 1 %.
+//!
+//! A model that keeps failing is not right whenever a block happens to fit. Each misfit therefore
+//! costs three blocks that fit, at most 11 in all; after a single one, the two that `Converged`
+//! requires anyway are enough.
 //!
 //! Controllers may use θ̂ (`use_ok`) in `Converged`, and in `PoorlyExcited` if it had converged
 //! before and no change was seen since; in both only with the evidence of `evidence.rs`: the data
@@ -64,6 +68,8 @@ pub struct StateMachine {
     predicted: u32,
     poor: u32,
     clean: u32,
+    /// Blocks that must fit, less one, before θ̂ may be used again.
+    distrust: u32,
     changing: bool,
     degraded: bool,
     converged: bool,
@@ -81,6 +87,8 @@ impl StateMachine {
     const MOVED: f64 = 0.01;
     const LOST: f64 = 0.05;
     const CLEAN: f64 = 0.01;
+    const MISFIT_COSTS: u32 = 3;
+    const MOST_DISTRUST: u32 = 12;
 
     /// The state at the start, for the estimator's start value.
     pub fn new(theta_start: &[f64]) -> Self {
@@ -89,6 +97,7 @@ impl StateMachine {
             predicted: 0,
             poor: 0,
             clean: 0,
+            distrust: 0,
             changing: false,
             degraded: false,
             converged: false,
@@ -109,7 +118,7 @@ impl StateMachine {
     /// Resets to the start, for the estimator's start value.
     pub fn reset(&mut self, theta_start: &[f64]) {
         self.theta.copy_from_slice(theta_start);
-        (self.predicted, self.poor, self.clean) = (0, 0, 0);
+        (self.predicted, self.poor, self.clean, self.distrust) = (0, 0, 0, 0);
         (self.changing, self.degraded, self.converged, self.seen) = (false, false, false, false);
         (self.misfit, self.informed) = (false, false);
     }
@@ -117,7 +126,7 @@ impl StateMachine {
     /// What goes from block to block; see `persist.rs`.
     pub(crate) fn visit(&mut self, v: &mut impl Visit) {
         v.reals(&mut self.theta);
-        for count in [&mut self.predicted, &mut self.poor, &mut self.clean] {
+        for count in [&mut self.predicted, &mut self.poor, &mut self.clean, &mut self.distrust] {
             v.small(count);
         }
         for flag in [
@@ -195,10 +204,15 @@ impl StateMachine {
         // the first block has no earlier estimate that could have predicted it
         let predicted = self.seen && settled && within(Self::NOISE, Self::SIGNAL);
         self.predicted = if predicted { self.predicted.saturating_add(1) } else { 0 };
+        self.distrust = if report.misfit != 0 {
+            (self.distrust + Self::MISFIT_COSTS).min(Self::MOST_DISTRUST)
+        } else {
+            self.distrust.saturating_sub(1)
+        };
         self.converged = if self.converged {
             within(Self::LEAVE_NOISE, Self::LEAVE_SIGNAL)
         } else {
-            self.predicted >= 2
+            self.predicted >= 2 && self.distrust <= 1
         };
         let changed = report.change.is_some_and(|change| change.kind != ChangeKind::Drift);
         if changed {
@@ -295,6 +309,34 @@ mod tests {
             (Phase::Invalid, false)
         );
         assert_eq!(drive(&mut m, |_| ()), (Phase::Converging, false));
+    }
+
+    /// Number of blocks that fit before θ̂ may be used again.
+    fn blocks_to_use(m: &mut StateMachine) -> usize {
+        1 + (0..100).take_while(|_| !drive(m, |_| ()).1).count()
+    }
+
+    #[test]
+    fn fault_repeated_misfits_cost_more_blocks_that_fit() {
+        let misfit = |r: &mut Report| r.misfit = 1;
+        let mut m = StateMachine::new(&[1.0, 2.0]);
+        blocks_to_use(&mut m);
+        assert_eq!(drive(&mut m, misfit), (Phase::Misfit, false));
+        // as many as `Converged` requires anyway
+        assert_eq!(blocks_to_use(&mut m), 2);
+        for _ in 0..10 {
+            drive(&mut m, |_| ());
+        }
+        // every other block
+        for _ in 0..3 {
+            assert_eq!(drive(&mut m, misfit), (Phase::Misfit, false));
+            assert_eq!(drive(&mut m, |_| ()), (Phase::Converging, false));
+        }
+        assert_eq!(blocks_to_use(&mut m), 3 * StateMachine::MISFIT_COSTS as usize - 4);
+        for _ in 0..50 {
+            drive(&mut m, misfit);
+        }
+        assert_eq!(blocks_to_use(&mut m), StateMachine::MOST_DISTRUST as usize - 1);
     }
 
     #[test]

@@ -101,6 +101,7 @@ impl Learner for RobotLearner {
                 .or_else(|| robot_evidence::doubt(&self.robot, end.last_seq))
                 .or_else(|| robot_evidence::impossible(&self.robot, end.last_seq))
                 .or_else(|| robot_evidence::unexplained(&self.robot, end.last_seq))
+                .or_else(|| robot_evidence::wrong_gain(&self.robot, end.last_seq))
                 .or_else(|| robot_evidence::contradiction(&self.robot, end.last_seq))
                 .or_else(|| robot_evidence::words(&change?, end.last_seq))
                 .or(no_rows),

@@ -22,31 +22,39 @@
 //! eliminated from the sums by (2) of [`offset_drift`](super::offset_drift), so a drift is not taken
 //! for a gain. n_i are rows that do not overlap. L chooses the joint, because a gain at one joint
 //! leaves misfit at its neighbours, too: a second joint is named with it if L differs by less than
-//! [`ALIKE`]. With the last joints s has hardly any information, because no other joint's rows
-//! share their parameters.
+//! [`ALIKE`]. At a wrist s has hardly any information, because no other joint's rows share its
+//! parameters.
 //!
 //! A joint is named if z, harm and |s − 1| are large, and s explains the share [`TELLING`] of some
-//! joint's misfit. Gains off by less than 10 % are not named: an error of 4 % cannot be told from
-//! what the model lacks on a real robot. Rows with a payload are not used.
+//! joint's misfit. It stays named while s does, because standard deviations grow with the misfit.
+//! Gains off by less than 10 % are not named: an error of 4 % cannot be told from what the model
+//! lacks on a real robot. Rows with a payload are not used, and a result is kept until there are
+//! enough rows without one.
 
 use super::drive_gain_room::{DriveGains, WrongGain};
 use super::identify::{RobotIdentifier, TRIED};
 use super::learning::ROWS_PER_PARAMETER;
+use super::model::Unmodelled;
+use crate::model::MAX_JOINTS;
 
 /// T \[s\].
 const MEMORY_S: f64 = 600.0;
-/// z above which a joint is named, and below which it no longer is.
-const NAMED: (f64, f64) = (6.0, 4.0);
-/// The same for the harm, in standard deviations,
-const HARMFUL: (f64, f64) = (3.0, 2.0);
-/// and for |s − 1|.
-const LEAST: (f64, f64) = (0.1, 0.08);
+/// z above which a joint is named, and z with x = 1 below which it no longer is.
+const NAMED: f64 = 6.0;
+const KEPT: f64 = 4.0;
+/// Harm above which a joint is named. Standard deviations grow with the misfit, so a joint may stay
+/// named without harm.
+const HARMFUL: f64 = 3.0;
+/// |s − 1| above which a joint is named, and below which it no longer is.
+const LEAST: f64 = 0.1;
+const LEAST_KEPT: f64 = 0.08;
 /// Formal z at s = 1, and |s − 1| after one step of (4), above which a joint is suspected.
 const SUSPECTED: (f64, f64) = (2.0, 0.04);
 /// Range of s: beyond it another unit or sign is likelier.
 const CREDIBLE: std::ops::Range<f64> = 0.3..3.0;
-/// Share of the misfit of some joint that s must explain.
+/// Share of the misfit of some joint that s must explain to be named, and to stay so.
 const TELLING: f64 = 0.2;
+const TELLING_KEPT: f64 = 0.1;
 /// Difference of L below which two joints are not told apart.
 const ALIKE: f64 = 10.0;
 /// Factor on the bias by errors of the velocities.
@@ -63,7 +71,9 @@ struct Suspect {
     joint: usize,
     factor: f64,
     likelihood: f64,
+    /// z, and z with x = 1.
     deviations: f64,
+    formal: f64,
     harm: f64,
     share: f64,
 }
@@ -73,6 +83,13 @@ impl RobotIdentifier {
     /// used.
     pub fn wrong_gain(&self) -> Option<WrongGain> {
         self.gains.as_ref().and_then(|gains| gains.found)
+    }
+
+    /// True if a wrong gain is likelier than the term that the model leaves out: zeros, tilts, springs
+    /// and delays imitate it.
+    pub fn is_gain_likelier(&self) -> bool {
+        let is_vague = |what: Unmodelled| what.is_considered() || what.is_one_of_many();
+        self.wrong_gain().is_some() && self.left_out_cause().is_some_and(|cause| is_vague(cause.what))
     }
 
     /// Forgets the rows of the test, because the payload changes.
@@ -105,13 +122,14 @@ impl RobotIdentifier {
         gains.plain.copy_from_slice(&gains.theta[..n]);
         let was = gains.found.take();
         let mut best: [Option<Suspect>; 2] = [None; 2];
-        let mut first = [0.0; crate::model::MAX_JOINTS];
+        let mut first = [0.0; MAX_JOINTS];
         for joint in 0..joints {
             gains.misfits[joint] = gains.misfit(joint, 1.0);
             let (score, information) = gains.slope(joint, 1.0);
             let is_told = information > 0.0 && score.abs() > SUSPECTED.0 * information.sqrt();
             let step = score / information;
-            if gains.sums[joint].rows > 0 && is_told && step.abs() > SUSPECTED.1 {
+            let was_named = was.is_some_and(|was| was.names(joint));
+            if gains.sums[joint].rows > 0 && (is_told && step.abs() > SUSPECTED.1 || was_named && step.is_finite()) {
                 first[joint] = step;
             }
         }
@@ -127,17 +145,16 @@ impl RobotIdentifier {
             }
         }
         let Some(likeliest) = best[0] else { return };
-        let (named, harmful, least) = match was {
-            None => (NAMED.0, HARMFUL.0, LEAST.0),
-            Some(_) => (NAMED.1, HARMFUL.1, LEAST.1),
+        let off = (likeliest.factor - 1.0).abs();
+        let is_credible = CREDIBLE.start < likeliest.factor && likeliest.factor < CREDIBLE.end;
+        let is_named = match was.is_some_and(|was| was.names(likeliest.joint)) {
+            false => {
+                likeliest.deviations > NAMED && likeliest.harm > HARMFUL && off >= LEAST && likeliest.share > TELLING
+            }
+            true => likeliest.formal > KEPT && off >= LEAST_KEPT && likeliest.share > TELLING_KEPT,
         };
-        let is_named = likeliest.deviations > named
-            && likeliest.harm > harmful
-            && (likeliest.factor - 1.0).abs() >= least
-            && CREDIBLE.contains(&likeliest.factor)
-            && likeliest.share > TELLING;
         let alike = best[1].filter(|other| likeliest.likelihood - other.likelihood < ALIKE);
-        gains.found = is_named.then_some(WrongGain {
+        gains.found = (is_named && is_credible).then_some(WrongGain {
             joint: likeliest.joint,
             factor: likeliest.factor,
             other: alike.map(|other| (other.joint, other.factor)),
@@ -193,7 +210,8 @@ impl RobotIdentifier {
         }
         let biased = ALLOWED * gains.bias(joint, factor).abs() / information;
         let off = ((factor - 1.0).abs() - biased).max(0.0);
-        let deviations = off * (information / self.gain_scatter(gains, joint, factor)).sqrt(); // (7)
+        let formal = off * information.sqrt();
+        let deviations = formal / self.gain_scatter(gains, joint, factor).sqrt(); // (7)
         for ((change, plain), theta) in gains.change.iter_mut().zip(&gains.plain).zip(&gains.theta) {
             *change = plain - theta;
         }
@@ -203,6 +221,7 @@ impl RobotIdentifier {
             factor,
             likelihood,
             deviations,
+            formal,
             harm,
             share,
         })

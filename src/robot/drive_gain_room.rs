@@ -21,6 +21,13 @@ pub struct WrongGain {
     pub other: Option<(usize, f64)>,
 }
 
+impl WrongGain {
+    /// True if this joint is named.
+    pub fn names(&self, joint: usize) -> bool {
+        self.joint == joint || self.other.is_some_and(|(other, _)| other == joint)
+    }
+}
+
 impl fmt::Display for WrongGain {
     /// Rounded, so that the text does not change with every block.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -234,5 +241,88 @@ impl DriveGains {
             factor,
             other: of(1),
         });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tree::{Robot, Selection};
+    use super::*;
+
+    fn model() -> RobotModel {
+        let urdf = include_str!("../../config/robots/six_axis.urdf");
+        let robot = Robot::from_urdf(urdf, &Selection::default()).unwrap();
+        RobotModel::new(robot, true, vec![Default::default(); 6]).unwrap()
+    }
+
+    /// Rows without noise, joint 3 of which report 1.3 times their torques. The prior, whose mean is
+    /// the truth, weighs 1e-8 of the rows.
+    #[test]
+    fn val_steps_find_the_factor_of_exact_rows() {
+        let model = model();
+        let n = model.parameters().len();
+        let truth: Vec<f64> = model.parameters().iter().map(|p| p.nominal).collect();
+        let mut gains = DriveGains::new(&model, &model, Vec::new(), (false, n));
+        let mut block: Vec<JointSums> = (0..6).map(|joint| JointSums::new(model.columns(joint))).collect();
+        for (joint, sums) in block.iter_mut().enumerate() {
+            let columns = model.columns(joint);
+            for row in 0..300 {
+                let entry = |c: usize| ((row * (3 * c + 7) + joint * 11) as f64 * 0.37).cos();
+                let x: Vec<f64> = (0..columns.len()).map(entry).collect();
+                let torque: f64 = x.iter().zip(columns).map(|(x, &k)| x * truth[k]).sum();
+                sums.add_row(&x, if joint == 2 { 1.3 * torque } else { torque });
+            }
+            sums.mirror();
+        }
+        gains.take(&block, 1.0);
+        gains.weights = [1e8; MAX_JOINTS];
+        let (fixed, mut factor) = (vec![false; n], 1.0);
+        for _ in 0..10 {
+            assert!(gains.solve(&model, Some((2, factor)), &fixed));
+            let (score, information) = gains.slope(2, factor);
+            factor += score / information;
+        }
+        assert!((factor - 1.3).abs() < 1e-6, "{factor}");
+        assert!(gains.misfit(2, factor) < 1e-6 * block[2].square);
+    }
+
+    /// Half the rows of before and all of the new ones, without the columns between.
+    #[test]
+    fn val_faded_sums_are_those_of_weighted_rows() {
+        let (mut faded, mut other) = (JointSums::new(&[0, 1, 5]), JointSums::new(&[0, 1, 3, 5]));
+        let mut weighted = JointSums::new(&[0, 1, 5]);
+        let row = |k: usize| [0.5 * k as f64, 1.0, 7.0, 0.25 * k as f64 - 1.0];
+        for (count, weight) in [(3, 0.5_f64), (4, 1.0)] {
+            other.clear();
+            for k in 0..count {
+                let [a, b, c, t] = row(k + count);
+                other.add_row(&[a, b, c, t], a - t);
+                let w = weight.sqrt();
+                weighted.add_row(&[w * a, w * b, w * t], w * (a - t));
+            }
+            other.mirror();
+            faded.fade(0.5, &other);
+        }
+        weighted.mirror();
+        let pairs = faded
+            .gram
+            .iter()
+            .zip(&weighted.gram)
+            .chain(faded.moment.iter().zip(&weighted.moment));
+        // sums of ten products of up to 10
+        assert!(pairs.into_iter().all(|(a, b)| (a - b).abs() < 1e-12));
+        assert!((faded.square - weighted.square).abs() < 1e-12);
+    }
+
+    #[test]
+    fn prop_words_fit_a_status() {
+        for other in [None, Some((7, 1.0 / 3.0))] {
+            let found = WrongGain {
+                joint: 7,
+                factor: 2.9,
+                other,
+            };
+            assert!(found.to_string().len() <= crate::messages::ERROR_TEXT, "{found}");
+        }
     }
 }

@@ -153,6 +153,7 @@ pub fn judge_robot_fit(identifier: &RobotIdentifier, states: &[FilteredSample]) 
         Some(Impossible::Inertia(joint)) if identifier.is_sign_likelier() => {
             found.push(RobotSuspicion::NegativeInertia { joint });
         }
+        _ if identifier.is_gain_likelier() => {}
         _ => found.extend(identifier.left_out_cause().map(RobotSuspicion::LeftOut)),
     }
     found.extend(identifier.doubt().map(RobotSuspicion::Changed));

@@ -19,10 +19,10 @@
 //! ```
 //!
 //! (4) is the method of Gauss and Newton with θ eliminated. The slopes of the offsets are
-//! eliminated from the sums by (2) of [`offset_drift`](super::offset_drift), so a drift is not taken
-//! for a gain. n_i are rows that do not overlap. L chooses the joint, because a gain at one joint
-//! leaves misfit at its neighbours, too: a second joint is named with it if L differs by less than
-//! [`ALIKE`]. At a wrist s has hardly any information, because no other joint's rows share its
+//! eliminated from the sums by (2) of [`offset_drift`](super::offset_drift), so a drift is not
+//! taken for a gain. n_i are rows that do not overlap. L chooses the joint, because a gain at one
+//! joint leaves misfit at its neighbours, too: a second joint is named with it if L differs by less
+//! than [`ALIKE`]. At a wrist s has hardly any information, because no other joint's rows share its
 //! parameters.
 //!
 //! A joint is named if z, harm and |s − 1| are large, and s explains the share [`TELLING`] of some
@@ -85,8 +85,8 @@ impl RobotIdentifier {
         self.gains.as_ref().and_then(|gains| gains.found)
     }
 
-    /// True if a wrong gain is likelier than the term that the model leaves out: zeros, tilts, springs
-    /// and delays imitate it.
+    /// True if a wrong gain is likelier than the term that the model leaves out: zeros, tilts,
+    /// springs and delays imitate it.
     pub fn is_gain_likelier(&self) -> bool {
         let is_vague = |what: Unmodelled| what.is_considered() || what.is_one_of_many();
         self.wrong_gain().is_some() && self.left_out_cause().is_some_and(|cause| is_vague(cause.what))

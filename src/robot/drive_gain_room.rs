@@ -255,7 +255,7 @@ mod tests {
         RobotModel::new(robot, true, vec![Default::default(); 6]).unwrap()
     }
 
-    /// Rows without noise, joint 3 of which report 1.3 times their torques. The prior, whose mean is
+    /// Rows without noise, those of joint 3 with 1.3 times their torques. The prior, whose mean is
     /// the truth, weighs 1e-8 of the rows.
     #[test]
     fn val_steps_find_the_factor_of_exact_rows() {

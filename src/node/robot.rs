@@ -96,11 +96,12 @@ impl Learner for RobotLearner {
             error: robot_evidence::clipped(&self.robot, end.last_seq)
                 .or_else(|| {
                     let left_out = robot_evidence::left_out(&self.robot, end.last_seq);
-                    left_out.filter(|_| !self.robot.is_sign_likelier())
+                    left_out.filter(|_| !self.robot.is_sign_likelier() && !self.robot.is_gain_likelier())
                 })
                 .or_else(|| robot_evidence::doubt(&self.robot, end.last_seq))
                 .or_else(|| robot_evidence::impossible(&self.robot, end.last_seq))
                 .or_else(|| robot_evidence::unexplained(&self.robot, end.last_seq))
+                .or_else(|| robot_evidence::wrong_gain(&self.robot, end.last_seq))
                 .or_else(|| robot_evidence::contradiction(&self.robot, end.last_seq))
                 .or_else(|| robot_evidence::words(&change?, end.last_seq))
                 .or(no_rows),

@@ -109,6 +109,7 @@ fn fill(report: &mut Report, robot: &RobotIdentifier, learnt: bool, changed_befo
     let refuted = robot.clipped().is_some()
         || robot.impossible().is_some()
         || robot.unexplained().is_some()
+        || robot.wrong_gain().is_some()
         || robot.contradiction().is_some();
     report.misfit = u64::from(unfit || left_out || refuted || robot.doubt().is_some());
     for j in 0..joints {
@@ -186,6 +187,11 @@ pub(super) fn unexplained(robot: &RobotIdentifier, seq: u64) -> Option<LastError
         ),
         seq,
     ))
+}
+
+/// A joint whose torque contradicts those of the others, in words.
+pub(super) fn wrong_gain(robot: &RobotIdentifier, seq: u64) -> Option<LastError> {
+    Some(misfit(format_args!("{}", robot.wrong_gain()?), seq))
 }
 
 /// A gravity or a zero that contradicts the URDF, in words.

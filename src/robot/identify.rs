@@ -29,6 +29,7 @@
 //! time blocks as clusters.
 
 use super::change::RobotChange;
+use super::drive_gain_room::DriveGains;
 use super::error::{IdentifyError, SampleFault};
 use super::explained::RecentRows;
 use super::figures::BlockFigures;
@@ -130,6 +131,7 @@ pub struct RobotIdentifier {
     pub(super) recent_rows: RecentRows,
     pub(super) urdf_prior: Option<UrdfPrior>,
     pub(super) impossibles: Impossibles,
+    pub(super) gains: Option<DriveGains>,
     pub(super) gain: Information,
     pub(super) size: Vec<f64>,
     /// Bias of the estimates by errors of the positions.
@@ -162,7 +164,9 @@ impl RobotIdentifier {
             true => (KEPT_S / options.windows.stride_s).ceil() as usize + 1,
             false => 0,
         };
+        let is_drifting = options.friction_walk > 0.0;
         let mut identifier = Self {
+            gains: Some(DriveGains::new(&model, &wide, drifts.clone(), (is_drifting, acting))),
             rows: options.rows(&wide)?,
             bias: vec![0.0; n],
             of_mass: vec![0.0; acting],
@@ -174,7 +178,7 @@ impl RobotIdentifier {
             total: empty.clone(),
             all: empty.clone(),
             older: empty.clone(),
-            offset_drift: OffsetDrift::new(drifts, options.friction_walk > 0.0, &empty),
+            offset_drift: OffsetDrift::new(drifts, is_drifting, &empty),
             pending: SliceRing::new(if options.payload { SLICES } else { 0 }, &empty),
             ring: RowRing::new(windows, &columns),
             recent: vec![empty.clone(); RECENT],
@@ -248,6 +252,7 @@ impl RobotIdentifier {
         self.counts.reset();
         self.recent_rows.lacking.fill(false);
         self.impossibles.clear();
+        self.gains.iter_mut().for_each(DriveGains::reset);
         self.urdf_prior.iter_mut().for_each(|prior| prior.found = None);
         self.figures.clear();
         let n = self.theta.len();
@@ -472,6 +477,7 @@ impl RobotIdentifier {
             self.recent_rows.explain(block, &self.torque_std, recent, explained);
             self.look_for_left_out();
             self.look_at_urdf();
+            self.look_at_gains();
             self.look_for_drift();
             self.look_for_counts();
         }

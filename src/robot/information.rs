@@ -118,6 +118,19 @@ impl Solver {
         true
     }
 
+    /// x ← Λ_ff⁻¹ x with the Λ of the last solution, 0 for fixed parameters.
+    pub fn apply(&mut self, x: &mut [f64]) {
+        let m = self.free.len();
+        for (b, &i) in self.b.iter_mut().zip(&self.free) {
+            *b = x[i];
+        }
+        self.factor.solve(&mut self.b[..m]);
+        x.fill(0.0);
+        for (b, &i) in self.b.iter().zip(&self.free) {
+            x[i] = *b;
+        }
+    }
+
     /// (2) of `acceleration_noise.rs`, with P = `covariance`.
     pub fn bias(information: &Information, covariance: &[f64], bias: &mut [f64]) {
         let n = information.n;

@@ -153,9 +153,11 @@ pub fn judge_robot_fit(identifier: &RobotIdentifier, states: &[FilteredSample]) 
         Some(Impossible::Inertia(joint)) if identifier.is_sign_likelier() => {
             found.push(RobotSuspicion::NegativeInertia { joint });
         }
+        _ if identifier.is_gain_likelier() => {}
         _ => found.extend(identifier.left_out_cause().map(RobotSuspicion::LeftOut)),
     }
     found.extend(identifier.doubt().map(RobotSuspicion::Changed));
+    found.extend(identifier.wrong_gain().map(RobotSuspicion::Gain));
     // if the model does not explain the torques, its moments do not identify the cause
     let contradiction = identifier
         .contradiction()

@@ -21,7 +21,7 @@ const SMALLEST_STD: f64 = 1e-9;
 /// data fit.
 const UNTRIED_STD: f64 = 0.02;
 /// Rows per parameter above which residuals show the noise.
-const ROWS_PER_PARAMETER: f64 = 2.0;
+pub(super) const ROWS_PER_PARAMETER: f64 = 2.0;
 /// Smallest size of a parameter for its excitation, relative to its prior.
 const SMALLEST_SIZE: f64 = 1e-3;
 
@@ -43,8 +43,13 @@ impl RobotIdentifier {
 
     /// Rows of a joint that do not overlap.
     fn independent(&self, sums: &JointSums) -> f64 {
+        sums.rows as f64 * self.independent_share()
+    }
+
+    /// Share of the rows that do not overlap.
+    pub(super) fn independent_share(&self) -> f64 {
         let windows = &self.options.windows;
-        sums.rows as f64 * (windows.stride_s / windows.length_s).min(1.0)
+        (windows.stride_s / windows.length_s).min(1.0)
     }
 
     /// True if there are enough rows to distinguish a change from what is still unknown.
@@ -272,6 +277,7 @@ impl RobotIdentifier {
 
     /// Allows any payload from now on and drops all information on it.
     pub(super) fn load(&mut self) {
+        self.forget_gains();
         let Some(payload) = &self.payload else { return };
         self.is_loaded = true;
         for (p, i) in payload.indices().enumerate() {
@@ -333,6 +339,7 @@ impl RobotIdentifier {
 
     /// Removes the payload.
     pub(super) fn unload(&mut self) {
+        self.forget_gains();
         let Some(payload) = &self.payload else { return };
         self.is_loaded = false;
         for i in payload.indices() {

@@ -52,6 +52,7 @@ use super::left_out_room::{LeftOut, LeftOutCause, ROUNDING};
 use super::model::LeftOutTerm;
 use super::sums::JointSums;
 use crate::model::MAX_JOINTS;
+use std::ops::Range;
 
 /// z above which a term is named, and below which it no longer is.
 const NAMED: (f64, f64) = (6.0, 4.0);
@@ -202,7 +203,7 @@ impl RobotIdentifier {
     }
 
     /// Error of the most affected usable parameter, in its standard deviations.
-    fn harm(&self, direction: &[f64], amplitude: f64) -> f64 {
+    pub(super) fn harm(&self, direction: &[f64], amplitude: f64) -> f64 {
         let n = self.theta.len();
         let payload = self.payload.as_ref().filter(|_| self.is_loaded);
         let mut harm = 0.0_f64;
@@ -239,13 +240,19 @@ impl RobotIdentifier {
     /// (4) of a joint; `None` if it has no rows.
     fn level(&self, joint: usize, left_out: &LeftOut) -> Option<f64> {
         let terms = self.model.friction_of(joint).len() + left_out.of_joint(joint);
+        let end = self.block[joint].columns_below(self.theta.len()).len() - left_out.shared();
+        self.level_at(joint, end - terms..end, &left_out.effective)
+    }
+
+    /// (4) with these columns of friction, at these effective parameters.
+    pub(super) fn level_at(&self, joint: usize, friction: Range<usize>, effective: &[f64]) -> Option<f64> {
+        let terms = friction.len();
         let (mut square, mut rows) = (0.0, 0);
         let (mut clusters, mut count) = (0.0, 0.0);
         for sums in self.recent_of(joint) {
-            square += sums.residual_square(&left_out.effective);
+            square += sums.residual_square(effective);
             rows += sums.rows;
-            let end = sums.columns_below(self.theta.len()).len() - left_out.shared();
-            if let Some((misfit, directions)) = friction_misfit(sums, end - terms..end, &left_out.effective) {
+            if let Some((misfit, directions)) = friction_misfit(sums, friction.clone(), effective) {
                 clusters += misfit / directions;
                 count += 1.0;
             }

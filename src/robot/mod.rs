@@ -37,6 +37,7 @@
 //! | `clipped` | clipped torques |
 //! | `explained` | share of each joint's torque that the model explains |
 //! | `left_out` | terms missing in the model, from the residuals |
+//! | `drive_gain` | a joint whose torque contradicts those of the other joints |
 //! | `urdf_prior`, `urdf_moments` | a gravity or a zero that contradicts the URDF, from the moments |
 //! | `payload`, `change`, `watch`, `physical` | the payload: detected, located in time, estimated, physically possible |
 //! | `inquiry`, `gain_columns`, `jump` | whether a drive's gain or an encoder's zero has changed |
@@ -55,6 +56,8 @@ mod calibration;
 mod carried;
 mod change;
 mod clipped;
+mod drive_gain;
+mod drive_gain_room;
 mod dynamics;
 mod encoder_noise;
 mod error;
@@ -120,6 +123,7 @@ pub use butterworth::ZeroPhaseLowPass;
 pub use calibration::{CalibrationError, GainCalibration, KnownLoad};
 pub use carried::{CarriedPayload, PAYLOAD_VALUES};
 pub use change::{ChangeCause, RobotChange};
+pub use drive_gain_room::WrongGain;
 pub use dynamics::{forward_dynamics, inverse_dynamics};
 pub use error::{
     DrivesError, FrictionError, IdentifyError, LoadError, MotionError, RobotError, RobotSimError, SampleFault,

@@ -75,7 +75,7 @@ impl DriftTerm {
     fn square(&self, sums: &JointSums, origin_s: f64) -> f64 {
         let (m, last) = (sums.columns().len(), sums.columns().len() - 1);
         let (square, mean) = (sums.gram[last * m + last], sums.gram[last * m + self.column]);
-        (square - origin_s * (2.0 * mean - origin_s * sums.rows as f64)).max(ROUNDING * square)
+        (square - origin_s * (2.0 * mean - origin_s * sums.squares(self.column))).max(ROUNDING * square)
     }
 
     /// V, for rows of this weight.
@@ -103,7 +103,8 @@ impl DriftTerm {
     /// Mean of t.
     fn mean_s(&self, sums: &JointSums) -> f64 {
         let m = sums.columns().len();
-        sums.gram[(m - 1) * m + self.column] / sums.rows.max(1) as f64
+        // Σ 1 is the number of rows, also if they are faded
+        sums.gram[(m - 1) * m + self.column] / sums.squares(self.column).max(f64::MIN_POSITIVE)
     }
 }
 

@@ -82,6 +82,7 @@ impl RobotIdentifier {
         for recent in &mut self.figures.recent {
             recent.visit(v);
         }
+        self.gains.iter_mut().for_each(|gains| gains.visit(v));
         self.fixed.iter_mut().for_each(|fixed| v.flag(fixed));
         v.flag(&mut self.is_loaded);
         let mut blocks = self.blocks as u64;

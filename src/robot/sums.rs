@@ -8,6 +8,7 @@
 //! ```
 
 use super::information::Information;
+use crate::estimator::persist::Visit;
 
 /// A, b, c and the number of rows of one joint, over its own columns.
 #[derive(Debug, Clone, PartialEq)]
@@ -112,6 +113,54 @@ impl JointSums {
         self.noise += other.noise;
         self.sum += other.sum;
         self.rows += other.rows;
+    }
+
+    /// Scales its rows by `kept` and adds another's. The other may have further columns before its
+    /// last one. The number of rows is not scaled.
+    pub fn fade(&mut self, kept: f64, other: &Self) {
+        let (m, wide) = (self.moment.len(), other.moment.len());
+        let at = |i: usize| {
+            if self.columns[i] == other.columns[i] {
+                i
+            } else {
+                wide - 1
+            }
+        };
+        for i in 0..m {
+            let from = &other.gram[at(i) * wide..(at(i) + 1) * wide];
+            let row = &mut self.gram[i * m..(i + 1) * m];
+            let same = if at(m - 1) == m - 1 { m } else { m - 1 };
+            row[..same].iter_mut().zip(from).for_each(|(a, b)| *a = kept * *a + b);
+            row[same..].iter_mut().for_each(|a| *a = kept * *a + from[wide - 1]);
+            self.moment[i] = kept * self.moment[i] + other.moment[at(i)];
+            self.bias[i] = kept * self.bias[i] + other.bias[at(i)];
+        }
+        self.square = kept * self.square + other.square;
+        self.noise = kept * self.noise + other.noise;
+        self.sum = kept * self.sum + other.sum;
+        self.rows += other.rows;
+    }
+
+    /// Its torques divided by a factor.
+    pub fn divide_torque(&mut self, factor: f64) {
+        self.moment.iter_mut().for_each(|b| *b /= factor);
+        self.square /= factor * factor;
+        self.sum /= factor;
+    }
+
+    /// State kept in a checkpoint.
+    pub fn visit(&mut self, v: &mut impl Visit) {
+        let m = self.moment.len();
+        (0..m).for_each(|i| v.reals(&mut self.gram[i * m..i * m + i + 1]));
+        self.mirror();
+        v.reals(&mut self.moment);
+        v.reals(&mut self.bias);
+        for sum in [&mut self.square, &mut self.noise, &mut self.sum] {
+            v.real(sum);
+        }
+        let mut rows = self.rows as u64;
+        v.count(&mut rows);
+        self.rows = rows as usize;
     }
 
     /// (1), never below 0.

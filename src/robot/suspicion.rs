@@ -1,5 +1,6 @@
 //! Probable mistakes in a robot's log, with messages that say what to do.
 
+use super::drive_gain_room::WrongGain;
 use super::inquiry_room::RobotDoubt;
 use super::left_out_room::LeftOutCause;
 use super::model::Unmodelled;
@@ -88,6 +89,8 @@ pub enum RobotSuspicion {
     LeftOut(LeftOutCause),
     /// A drive or an encoder that has changed within the log.
     Changed(RobotDoubt),
+    /// A gain that contradicts the other joints' torques.
+    Gain(WrongGain),
     /// A gravity or a zero that contradicts the URDF.
     Contradiction(UrdfContradiction),
     /// A torque that the model does not explain: the misfit lasts as long as movements do.
@@ -158,6 +161,7 @@ impl fmt::Display for RobotSuspicion {
             ),
             Self::LeftOut(ref cause) => left_out(f, cause),
             Self::Changed(doubt) => write!(f, "{doubt}"),
+            Self::Gain(what) => write!(f, "{what}; nothing may be used"),
             Self::Contradiction(what) => write!(f, "{what}; nothing may be used"),
             Self::Unexplained { joint, explained } => write!(
                 f,

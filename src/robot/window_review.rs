@@ -69,6 +69,7 @@ impl RobotIdentifier {
         self.total.iter_mut().for_each(JointSums::clear);
         (self.recent_blocks, self.blocks) = (0, 0);
         self.offset_drift.reset();
+        self.forget_gains();
         self.refresh_effective();
     }
 }

@@ -6,6 +6,7 @@ mod coarse_encoders;
 mod config;
 mod contradiction;
 mod drifting_offsets;
+mod drive_gains;
 mod drives;
 mod dynamics;
 mod excitation;

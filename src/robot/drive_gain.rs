@@ -1,0 +1,248 @@
+//! Finds a joint whose drive, or torque sensor, has had a wrong gain from the start.
+//!
+//! Base parameters occur in the rows of several joints, so a joint that reports s times its torque
+//! contradicts the others. With X_i the rows of joint i, A_i, b_i, c_i and β_i their sums and the
+//! bias of b_i by errors of the velocities, W_i their weight and P = (Λ₀ + Σ W_i s_i² A_i)⁻¹:
+//!
+//! ```text
+//! τ_i = s_i X_i θ,    s_i = 1 but for one joint j                                               (1)
+//! A ← k A + A_block,   b, c and β alike,   k = e^(−T_b/T)                                       (2)
+//! θ̂(s) = argmin Σ_i W_i Σ (τ_i − s_i X_i θ)²                                                    (3)
+//! s ← s + U/I,   U = W_j s θ̂·(b_j/s − A_j θ̂),   I = W_j θ̂ᵀA_j θ̂ − v·d,
+//!     v = W_j s A_j θ̂,   d = P v                                                                (4)
+//! W_i = 1/(f_i σ_i)² by (4) of left_out.rs at θ̂ and s                                           (5)
+//! L = ½ ν Σ_i W_i R_i(s) ln(R_i(1)/R_i(s)),   R_i(s) = Σ (τ_i − s_i X_i θ̂)²                       (6)
+//! z = (|s − 1| − 1.5 |B|/I) √(I/x),   B = W_j s θ̂·β_j − d·Σ W_i s_i² β_i,
+//!     x = Σ u²/Σ_i W_i e_iᵀA_i e_i over the last blocks, at least 1,
+//!     u = Σ_i W_i e_i·(b_i − A_i s_i θ̂) of a block,   e_i = −s_i d, and + θ̂ for joint j          (7)
+//! harm = max |θ̂(1) − θ̂(s)|/σ over the usable parameters                                         (8)
+//! ```
+//!
+//! (4) is the method of Gauss and Newton with θ eliminated. The slopes of the offsets are
+//! eliminated from the sums by (2) of [`offset_drift`](super::offset_drift), so a drift is not
+//! taken for a gain. ν is the share of rows that do not overlap, and W_i R_i their number or, because
+//! misfit is correlated, fewer. L chooses the joint, because a gain at one
+//! joint leaves misfit at its neighbours, too: a second joint is named with it if L differs by less
+//! than [`ALIKE`]. At a wrist s has hardly any information, because no other joint's rows share its
+//! parameters.
+//!
+//! A joint is named if z, harm and |s − 1| are large, and s explains the share [`TELLING`] of some
+//! joint's misfit. It stays named while s does, because standard deviations grow with the misfit.
+//! Gains off by less than 10 % are not named: an error of 4 % cannot be told from what the model
+//! lacks on a real robot. Rows with a payload are not used, and a result is kept until there are
+//! enough rows without one.
+
+use super::drive_gain_room::{DriveGains, WrongGain};
+use super::identify::{RobotIdentifier, TRIED};
+use super::learning::ROWS_PER_PARAMETER;
+use super::model::Unmodelled;
+use crate::model::MAX_JOINTS;
+
+/// T \[s\].
+const MEMORY_S: f64 = 600.0;
+/// z above which a joint is named, and z with x = 1 below which it no longer is.
+const NAMED: f64 = 6.0;
+const KEPT: f64 = 4.0;
+/// Harm above which a joint is named. Standard deviations grow with the misfit, so a joint may stay
+/// named without harm.
+const HARMFUL: f64 = 3.0;
+/// |s − 1| above which a joint is named, and below which it no longer is.
+const LEAST: f64 = 0.1;
+const LEAST_KEPT: f64 = 0.08;
+/// Formal z at s = 1, and |s − 1| after one step of (4), above which a joint is suspected.
+const SUSPECTED: (f64, f64) = (2.0, 0.04);
+/// Range of s: beyond it another unit or sign is likelier.
+const CREDIBLE: std::ops::Range<f64> = 0.3..3.0;
+/// Share of the misfit of some joint that s must explain to be named, and to stay so.
+const TELLING: f64 = 0.2;
+const TELLING_KEPT: f64 = 0.1;
+/// Difference of L below which two joints are not told apart.
+const ALIKE: f64 = 10.0;
+/// Factor on the bias by errors of the velocities.
+const ALLOWED: f64 = 1.5;
+/// Steps of (4), and the step below which they end.
+const STEPS: usize = 6;
+const CONVERGED: f64 = 1e-3;
+/// Smallest misfit relative to the joint's torque, as in `learning.rs`.
+const SMALLEST: f64 = 1e-18;
+
+/// A suspected joint.
+#[derive(Debug, Clone, Copy)]
+struct Suspect {
+    joint: usize,
+    factor: f64,
+    likelihood: f64,
+    /// z, and z with x = 1.
+    deviations: f64,
+    formal: f64,
+    harm: f64,
+    share: f64,
+}
+
+impl RobotIdentifier {
+    /// A joint whose torque contradicts those of the others: its gain is wrong, and nothing may be
+    /// used.
+    pub fn wrong_gain(&self) -> Option<WrongGain> {
+        self.gains.as_ref().and_then(|gains| gains.found)
+    }
+
+    /// True if a wrong gain is likelier than the term that the model leaves out: zeros, tilts,
+    /// springs and delays imitate it.
+    pub fn is_gain_likelier(&self) -> bool {
+        let is_vague = |what: Unmodelled| what.is_considered() || what.is_one_of_many();
+        self.wrong_gain().is_some() && self.left_out_cause().is_some_and(|cause| is_vague(cause.what))
+    }
+
+    /// Forgets the rows of the test, because the payload changes.
+    pub(super) fn forget_gains(&mut self) {
+        self.gains.iter_mut().for_each(DriveGains::clear);
+    }
+
+    /// Tests the gains after a block.
+    pub(super) fn look_at_gains(&mut self) {
+        if self.is_loaded || self.doubt().is_some() {
+            return;
+        }
+        let Some(mut gains) = self.gains.take() else { return };
+        gains.take(&self.block, (-self.options.block_s / MEMORY_S).exp()); // (2)
+        self.judge_gains(&mut gains);
+        self.gains = Some(gains);
+    }
+
+    fn judge_gains(&self, gains: &mut DriveGains) {
+        let (n, joints) = (gains.known.n, gains.sums.len());
+        let rows: f64 = gains.rows.iter().sum();
+        if self.recent_blocks < TRIED || rows * self.independent_share() < ROWS_PER_PARAMETER * n as f64 {
+            return;
+        }
+        gains.theta[..n].copy_from_slice(&self.theta[..n]);
+        self.weigh_gains(gains);
+        if !gains.solve(&self.model, None, &self.fixed) {
+            return;
+        }
+        gains.plain.copy_from_slice(&gains.theta[..n]);
+        let was = gains.found.take();
+        let mut best: [Option<Suspect>; 2] = [None; 2];
+        let mut first = [0.0; MAX_JOINTS];
+        for joint in 0..joints {
+            gains.misfits[joint] = gains.misfit(joint, 1.0);
+            let (score, information) = gains.slope(joint, 1.0);
+            let is_told = information > 0.0 && score.abs() > SUSPECTED.0 * information.sqrt();
+            let step = score / information;
+            let was_named = was.is_some_and(|was| was.names(joint));
+            if gains.sums[joint].rows > 0 && (is_told && step.abs() > SUSPECTED.1 || was_named && step.is_finite()) {
+                first[joint] = step;
+            }
+        }
+        for joint in (0..joints).filter(|joint| first[*joint] != 0.0) {
+            let Some(suspect) = self.fit_gain(gains, joint, 1.0 + first[joint]) else {
+                continue;
+            };
+            let over = |other: &Option<Suspect>| other.is_none_or(|other| suspect.likelihood > other.likelihood);
+            if over(&best[0]) {
+                best = [Some(suspect), best[0]]; // (6)
+            } else if over(&best[1]) {
+                best[1] = Some(suspect);
+            }
+        }
+        let Some(likeliest) = best[0] else { return };
+        let off = (likeliest.factor - 1.0).abs();
+        let is_credible = CREDIBLE.start < likeliest.factor && likeliest.factor < CREDIBLE.end;
+        let is_named = match was.is_some_and(|was| was.names(likeliest.joint)) {
+            false => {
+                likeliest.deviations > NAMED && likeliest.harm > HARMFUL && off >= LEAST && likeliest.share > TELLING
+            }
+            true => likeliest.formal > KEPT && off >= LEAST_KEPT && likeliest.share > TELLING_KEPT,
+        };
+        let alike = best[1].filter(|other| likeliest.likelihood - other.likelihood < ALIKE);
+        gains.found = (is_named && is_credible).then_some(WrongGain {
+            joint: likeliest.joint,
+            factor: likeliest.factor,
+            other: alike.map(|other| (other.joint, other.factor)),
+        });
+    }
+
+    /// W of the estimate.
+    fn weigh_gains(&self, gains: &mut DriveGains) {
+        for joint in 0..gains.sums.len() {
+            gains.weights[joint] = self.weight(joint);
+        }
+    }
+
+    /// (3) to (8) of a joint, from this first factor.
+    fn fit_gain(&self, gains: &mut DriveGains, joint: usize, first: f64) -> Option<Suspect> {
+        let mut factor = first.clamp(CREDIBLE.start, CREDIBLE.end);
+        self.weigh_gains(gains);
+        let mut information = 0.0;
+        for step in 0..=STEPS {
+            if !gains.solve(&self.model, Some((joint, factor)), &self.fixed) {
+                return None;
+            }
+            let (score, own) = gains.slope(joint, factor);
+            information = own;
+            gains.scale(factor, &self.fixed);
+            if step == STEPS || !(information > 0.0) || (score / information).abs() < CONVERGED {
+                break;
+            }
+            factor = (factor + score / information).clamp(CREDIBLE.start, CREDIBLE.end); // (4)
+            for (other, sums) in gains.sums.iter().enumerate().filter(|(_, sums)| sums.rows > 0) {
+                let effective = &gains.effective[usize::from(other == joint)];
+                let end = self.model.columns(other).len();
+                let own = end - self.model.friction_of(other).len()..end;
+                let least = SMALLEST * sums.square / sums.rows as f64;
+                if let Some(level) = self.level_at(other, own, effective) {
+                    gains.weights[other] = 1.0 / level.max(least).max(f64::MIN_POSITIVE); // (5)
+                }
+            }
+        }
+        if !(information > 0.0) {
+            return None;
+        }
+        let independent = self.independent_share();
+        let (mut likelihood, mut share) = (0.0, 0.0_f64);
+        for (other, sums) in gains.sums.iter().enumerate().filter(|(_, sums)| sums.rows > 0) {
+            let least = (SMALLEST * sums.square).max(f64::MIN_POSITIVE);
+            let left = gains
+                .misfit(other, if other == joint { factor } else { 1.0 })
+                .max(least);
+            let ratio = gains.misfits[other].max(least) / left;
+            let rows = (gains.weights[other] * left).min(gains.rows[other]);
+            likelihood += 0.5 * independent * rows * ratio.ln(); // (6)
+            share = share.max(1.0 - 1.0 / ratio);
+        }
+        let biased = ALLOWED * gains.bias(joint, factor).abs() / information;
+        let off = ((factor - 1.0).abs() - biased).max(0.0);
+        let formal = off * information.sqrt();
+        let deviations = formal / self.gain_scatter(gains, joint, factor).sqrt(); // (7)
+        for ((change, plain), theta) in gains.change.iter_mut().zip(&gains.plain).zip(&gains.theta) {
+            *change = plain - theta;
+        }
+        let harm = self.harm(&gains.change, 1.0); // (8)
+        Some(Suspect {
+            joint,
+            factor,
+            likelihood,
+            deviations,
+            formal,
+            harm,
+            share,
+        })
+    }
+
+    /// x of (7).
+    fn gain_scatter(&self, gains: &mut DriveGains, joint: usize, factor: f64) -> f64 {
+        gains.point(factor, &self.fixed);
+        let (mut squares, mut information) = (0.0, 0.0);
+        for block in self.recent.iter().take(self.recent_blocks) {
+            let mut score = 0.0;
+            for (other, sums) in block.iter().enumerate().filter(|(_, sums)| sums.rows > 0) {
+                let own = usize::from(other == joint);
+                let (along, square) = sums.along(&gains.along[own], &gains.effective[own]);
+                score += gains.weights[other] * along; // (7)
+                information += gains.weights[other] * square; // (7)
+            }
+            squares += score * score;
+        }
+        (squares / information).max(1.0) // NaN counts as 1
+    }
+}

@@ -51,6 +51,7 @@ fn considered(form: &FileForm, linear: bool) -> Considered {
         dead_band: section.dead_band,
         spring: section.spring,
         inertia: section.inertia,
+        viscous: section.viscous,
         resonance_hz: section.resonance_hz,
         drift_per_s: section.drift_per_s,
         zero_rad: section.zero_rad,

@@ -105,6 +105,7 @@ pub(super) fn plant(form: &FileForm, model: Option<&SharedModel>, check: &mut Ch
         unmodelled: Unmodelled {
             coulomb_friction_n_m: joints(&form.unmodelled.coulomb_friction_n_m),
             friction_speed_rad_per_s: form.unmodelled.friction_speed_rad_per_s,
+            viscous_friction_n_m_s_per_rad: joints(&form.unmodelled.viscous_friction_n_m_s_per_rad),
             friction_from_s: form.unmodelled.friction_from_s,
             base_tilt_rad: form.unmodelled.base_tilt_rad,
             heating_share: form.unmodelled.heating_share,

@@ -539,7 +539,7 @@ impl BlockEstimator {
         for group in self.groups.iter_mut() {
             group.publish(&self.theta);
         }
-        self.published.take(&self.theta, &self.groups, &self.options.relations);
+        self.report.misfit |= self.published.take(&self.theta, &self.groups, &self.options.relations);
         self.report.explained.clear();
         self.report.explained.extend(self.explained.iter().map(|e| e.share));
         self.report.informed = self.groups.iter().all(|g| g.confirmation.is_informed());

@@ -97,7 +97,8 @@ pub struct Report {
     /// Probability of residuals this large, in the block or in its last part, if the model is
     /// right; below `MISFIT` of `fit_statistic.rs` the block does not fit.
     pub fit_probability: f64,
-    /// Bit e: the block does not fit in equation e.
+    /// Bit e: the block does not fit in equation e, or the estimate of its group contradicts a
+    /// relation between parameters.
     pub misfit: u64,
     /// Share of the power of the equation's signal that the model explains, in the last block in
     /// which it exceeded the noise; 0 before.

@@ -27,6 +27,7 @@
 //! one parameter is usable. In a block in which the machine rests and no row counts, they may not.
 
 use super::explained::LEAST_EXPLAINED;
+use super::fit_statistic::MISFIT;
 use super::persist::Visit;
 use super::report::{ChangeKind, Held, Report};
 
@@ -204,7 +205,8 @@ impl StateMachine {
         // the first block has no earlier estimate that could have predicted it
         let predicted = self.seen && settled && within(Self::NOISE, Self::SIGNAL);
         self.predicted = if predicted { self.predicted.saturating_add(1) } else { 0 };
-        self.distrust = if report.misfit != 0 {
+        // an open question, such as what has changed, is no failure of the model
+        self.distrust = if report.fit_probability < MISFIT {
             (self.distrust + Self::MISFIT_COSTS).min(Self::MOST_DISTRUST)
         } else {
             self.distrust.saturating_sub(1)
@@ -318,7 +320,7 @@ mod tests {
 
     #[test]
     fn fault_repeated_misfits_cost_more_blocks_that_fit() {
-        let misfit = |r: &mut Report| r.misfit = 1;
+        let misfit = |r: &mut Report| (r.misfit, r.fit_probability) = (1, 0.0);
         let mut m = StateMachine::new(&[1.0, 2.0]);
         blocks_to_use(&mut m);
         assert_eq!(drive(&mut m, misfit), (Phase::Misfit, false));

@@ -37,7 +37,7 @@ fn explanation(suspect: &Suspect, amplitude: f64, what: fmt::Arguments<'_>, seq:
             SuspectKind::InputDelay => write!(words, " ({:.0} us)", 1e6 * amplitude),
             // with two masses of unknown ratio the amplitude gives no frequency; those of a spring
             // and of an inertia have long units
-            SuspectKind::Resonance | SuspectKind::Spring | SuspectKind::Inertia => Ok(()),
+            SuspectKind::Resonance | SuspectKind::Spring | SuspectKind::Inertia | SuspectKind::Viscous => Ok(()),
             SuspectKind::Gain | SuspectKind::Scale | SuspectKind::Clock => {
                 write!(words, " ({:+.1} %)", 100.0 * amplitude)
             }
@@ -94,6 +94,7 @@ mod tests {
             SuspectKind::DeadBand,
             SuspectKind::Spring,
             SuspectKind::Inertia,
+            SuspectKind::Viscous,
             SuspectKind::Eccentricity,
             SuspectKind::Resonance,
             SuspectKind::Zero,

@@ -11,7 +11,7 @@
 //! s ← s + U/I,   U = W_j s θ̂·(b_j/s − A_j θ̂),   I = W_j θ̂ᵀA_j θ̂ − v·d,
 //!     v = W_j s A_j θ̂,   d = P v                                                                (4)
 //! W_i = 1/(f_i σ_i)² by (4) of left_out.rs at θ̂ and s                                           (5)
-//! L = ½ ν Σ_i W_i R_i(s) ln(R_i(1)/R_i(s)),   R_i(s) = Σ (τ_i − s_i X_i θ̂)²                       (6)
+//! L = ½ Σ_i n_i ln(R_i(1)/R_i(s)),   R_i(s) = Σ (τ_i − s_i X_i θ̂)²                               (6)
 //! z = (|s − 1| − 1.5 |B|/I) √(I/x),   B = W_j s θ̂·β_j − d·Σ W_i s_i² β_i,
 //!     x = Σ u²/Σ_i W_i e_iᵀA_i e_i over the last blocks, at least 1,
 //!     u = Σ_i W_i e_i·(b_i − A_i s_i θ̂) of a block,   e_i = −s_i d, and + θ̂ for joint j          (7)
@@ -20,8 +20,7 @@
 //!
 //! (4) is the method of Gauss and Newton with θ eliminated. The slopes of the offsets are
 //! eliminated from the sums by (2) of [`offset_drift`](super::offset_drift), so a drift is not
-//! taken for a gain. ν is the share of rows that do not overlap, and W_i R_i their number or, because
-//! misfit is correlated, fewer. L chooses the joint, because a gain at one
+//! taken for a gain. n_i are rows that do not overlap. L chooses the joint, because a gain at one
 //! joint leaves misfit at its neighbours, too: a second joint is named with it if L differs by less
 //! than [`ALIKE`]. At a wrist s has hardly any information, because no other joint's rows share its
 //! parameters.
@@ -56,8 +55,9 @@ const CREDIBLE: std::ops::Range<f64> = 0.3..3.0;
 /// Share of the misfit of some joint that s must explain to be named, and to stay so.
 const TELLING: f64 = 0.2;
 const TELLING_KEPT: f64 = 0.1;
-/// Difference of L below which two joints are not told apart.
-const ALIKE: f64 = 10.0;
+/// Difference of L below which two joints are not told apart: 10 for independent rows, and the
+/// misfit of a real robot is correlated over three or four of them.
+const ALIKE: f64 = 30.0;
 /// Factor on the bias by errors of the velocities.
 const ALLOWED: f64 = 1.5;
 /// Steps of (4), and the step below which they end.
@@ -206,8 +206,7 @@ impl RobotIdentifier {
                 .misfit(other, if other == joint { factor } else { 1.0 })
                 .max(least);
             let ratio = gains.misfits[other].max(least) / left;
-            let rows = (gains.weights[other] * left).min(gains.rows[other]);
-            likelihood += 0.5 * independent * rows * ratio.ln(); // (6)
+            likelihood += 0.5 * independent * gains.rows[other] * ratio.ln(); // (6)
             share = share.max(1.0 - 1.0 / ratio);
         }
         let biased = ALLOWED * gains.bias(joint, factor).abs() / information;

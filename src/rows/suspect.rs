@@ -30,6 +30,10 @@ pub struct Considered {
     /// Inertia without weight, such as a rotor's, at each joint whose model has no parameter for
     /// it, as a share of the joint's inertia in the model, ≥ 0.
     pub inertia: f64,
+    /// Viscous friction at each joint whose model has none, or whose drive has an inductance: its
+    /// input at the root mean square of the velocity in the first block that moves, as a share of
+    /// the same size, ≥ 0.
+    pub viscous: f64,
     /// Natural frequency of the flexibility between each motor and its load \[Hz\], one standard
     /// deviation of 1/(2π f)²; 0 for rigid joints.
     pub resonance_hz: f64,
@@ -55,6 +59,7 @@ impl Considered {
         dead_band: 0.0,
         spring: 0.0,
         inertia: 0.0,
+        viscous: 0.0,
         resonance_hz: 0.0,
         drift_per_s: 0.0,
         zero_rad: 0.0,
@@ -83,10 +88,10 @@ impl Default for Considered {
     /// The errors of a good installation. Delay: a quarter of the sample period, so that a record
     /// that is one sample late lies within four standard deviations. Gain: 0, because parameters
     /// are in the units that the drive reports. Coulomb friction: 1 % of the input, friction that
-    /// falls with speed: 2 %, offset: 0.1 %. Inertia: 1 % of the joint's. Resonance: 70 Hz. Drift:
-    /// 0.6 % in a minute. Zero: 1 mrad, 0.06°. Eccentricity: 0.05 mrad, 10″. With motion that shows
-    /// an error, σ becomes what it is without the error; with other motion, σ includes its possible
-    /// effect.
+    /// falls with speed: 2 %, offset: 0.1 %. Inertia: 1 % of the joint's. Viscous friction: 0.03 %
+    /// of the input. Resonance: 70 Hz. Drift: 0.6 % in a minute. Zero: 1 mrad, 0.06°. Eccentricity:
+    /// 0.05 mrad, 10″. With motion that shows an error, σ becomes what it is without the error;
+    /// with other motion, σ includes its possible effect.
     fn default() -> Self {
         Self {
             input_delay_s: None,
@@ -97,6 +102,7 @@ impl Default for Considered {
             dead_band: 3e-3,
             spring: 1e-2,
             inertia: 1e-2,
+            viscous: 3e-4,
             resonance_hz: 70.0,
             drift_per_s: 1e-4,
             zero_rad: 1e-3,
@@ -126,6 +132,8 @@ pub enum SuspectKind {
     Spring,
     /// An inertia without weight that the model lacks.
     Inertia,
+    /// Viscous friction that the model lacks, or takes for a larger back EMF.
+    Viscous,
     /// A resonance that the model lacks.
     Resonance,
     /// The zero of an encoder, or the direction of gravity.
@@ -178,6 +186,7 @@ impl Suspect<'_> {
             SuspectKind::DeadBand => "a dead band of the drive or backlash",
             SuspectKind::Spring => "a spring or a cable",
             SuspectKind::Inertia => "an inertia without weight (rotor, gear)",
+            SuspectKind::Viscous => "viscous friction",
             SuspectKind::Resonance => "a resonance",
             SuspectKind::Zero => "a tilted base or encoder zero",
             SuspectKind::Scale => "another scale of the encoder",

@@ -13,7 +13,8 @@
 //! | an offset of the input, or a constant force | −s | unit of the input |
 //! | a dead band of the drive, which produces u − a sign u | s ∫ψ sat(u/u₀) | unit of the input |
 //! | a spring, such as a cable | s ∫ψ q | unit of the input per rad or m |
-//! | an inertia without weight, such as a rotor's | see `own_inertia.rs` | unit of the input per rad/s² or m/s² |
+//! | an inertia without weight, such as a rotor's | see `through_drive.rs` | unit of the input per rad/s² or m/s² |
+//! | viscous friction | see `through_drive.rs` | unit of the input per rad/s or m/s |
 //! | an encoder off its centre, which reads q + a sin q or q + a cos q | Σ_k ∂f_i/∂q_k sin q_k, or cos q_k | rad |
 //! | a resonance between motor and load | s ∫ψ″ u | s² |
 //! | an encoder's zero, or gravity's direction: reads q + a | Σ_k ∂f_i/∂q_k | rad |
@@ -41,10 +42,11 @@
 //! (`estimator/considered.rs`, `estimator/score_test.rs`). It does not estimate them.
 
 use super::kernel::{Kernels, dot};
-use super::own_inertia::OwnInertia;
 use super::present_terms::{has_jump, has_term};
+use super::spread::{root_mean_square, standard_deviation};
 use super::suspect::{Considered, Suspect, SuspectKind};
 use super::tempo::tempo;
+use super::through_drive::ThroughDrive;
 use super::trajectory::Trajectory;
 use super::turned::Turned;
 use super::whitening::{Direction, Whitening};
@@ -72,6 +74,8 @@ const SCALE: usize = 10;
 const CLOCK: usize = 11;
 /// An inertia without weight.
 const INERTIA: usize = 12;
+/// Viscous friction.
+const VISCOUS: usize = 13;
 /// u₀, as a share of the input's size.
 const DEAD: f64 = 0.02;
 /// Range of an input in standard deviations of its noise, at least.
@@ -108,8 +112,8 @@ pub(super) struct SuspectColumns {
     frictions: Vec<[Vec<f64>; 2]>,
     /// sat(u/u₀) and q per equation and sample; empty if no column needs them.
     drives: Vec<[Vec<f64>; 2]>,
-    /// Inertias without weight; `None` if the model has a parameter for it.
-    inertias: Vec<Option<OwnInertia>>,
+    /// Inertias without weight and viscous friction; `None` if the model has parameters for both.
+    through_drives: Vec<Option<ThroughDrive>>,
     /// sin q/σ, cos q/σ and 1/σ per joint and sample, σ the standard deviation of the position;
     /// empty if no column needs them.
     turns: Vec<[Vec<f64>; 3]>,
@@ -143,7 +147,9 @@ impl SuspectColumns {
         let springs: Vec<bool> = (0..equations.len())
             .map(|e| has_term(plant, e, 0, |q, _| q[inputs[e]]))
             .collect();
-        let inertias: Vec<Option<OwnInertia>> = (0..equations.len()).map(|e| OwnInertia::new(plant, e)).collect();
+        let through_drives: Vec<Option<ThroughDrive>> =
+            (0..equations.len()).map(|e| ThroughDrive::new(plant, e)).collect();
+        let passes = |e: usize, is_of: fn(&ThroughDrive) -> bool| through_drives[e].as_ref().is_some_and(is_of);
         let turns = considered.eccentricity_rad.is_some();
         // one encoder per joint, whatever its number of equations
         let first_of = |of: usize| !inputs[..of].contains(&inputs[of]);
@@ -155,7 +161,8 @@ impl SuspectColumns {
             match (suspect - 1) % PER_EQUATION {
                 OFFSET => of == e && !constant[e],
                 SPRING => of == e && !springs[e],
-                INERTIA => of == e && inertias[e].is_some(),
+                INERTIA => of == e && passes(e, ThroughDrive::has_inertia),
+                VISCOUS => of == e && passes(e, ThroughDrive::has_friction),
                 SLOW_FRICTION | DEAD_BAND => of == e && jumps[e],
                 CLOCK => false,
                 SCALE => moves(e, inputs[of]) && first_of(of),
@@ -186,7 +193,7 @@ impl SuspectColumns {
             drives: (jumps.iter().zip(&springs))
                 .map(|(&jumps, &spring)| [room(jumps), room(!spring)])
                 .collect(),
-            inertias,
+            through_drives,
             frictions: jumps.iter().map(|&jumps| [room(true), room(jumps)]).collect(),
             jumps,
             turns: (0..joints)
@@ -207,7 +214,7 @@ impl SuspectColumns {
     pub fn reset(&mut self) {
         (self.sizes, self.travels) = ([0.0; MAX_JOINTS], [0.0; MAX_JOINTS]);
         self.speeds.fill(0.0);
-        self.inertias.iter_mut().flatten().for_each(OwnInertia::reset);
+        self.through_drives.iter_mut().flatten().for_each(ThroughDrive::reset);
     }
 
     /// Number of errors, including those without a column.
@@ -234,9 +241,13 @@ impl SuspectColumns {
                 travel => self.considered.spring * size / travel,
             },
             SuspectKind::Inertia => {
-                let own = self.inertias[(suspect - 1) / PER_EQUATION].as_ref();
+                let own = self.through_drives[(suspect - 1) / PER_EQUATION].as_ref();
                 own.map_or(0.0, |own| self.considered.inertia * own.size())
             }
+            SuspectKind::Viscous => match self.speeds[(suspect - 1) / PER_EQUATION] {
+                0.0 => 0.0,
+                speed => self.considered.viscous * size / speed,
+            },
             SuspectKind::Eccentricity => self.considered.eccentricity_rad.unwrap_or(0.0),
             SuspectKind::Resonance => match self.considered.resonance_hz {
                 rigid if !(rigid > 0.0) => 0.0,
@@ -267,6 +278,7 @@ impl SuspectColumns {
             Some(DEAD_BAND) => SuspectKind::DeadBand,
             Some(SPRING) => SuspectKind::Spring,
             Some(INERTIA) => SuspectKind::Inertia,
+            Some(VISCOUS) => SuspectKind::Viscous,
             Some(SCALE) => SuspectKind::Scale,
             Some(CLOCK) => SuspectKind::Clock,
             Some(_) => SuspectKind::Stribeck,
@@ -335,7 +347,7 @@ impl SuspectColumns {
             SuspectKind::Coulomb | SuspectKind::Stribeck | SuspectKind::Offset | SuspectKind::DeadBand => {
                 (input_unit, joint.map_or(0.0, |joint| self.sizes[joint]))
             }
-            SuspectKind::Spring | SuspectKind::Inertia => ("", f64::INFINITY),
+            SuspectKind::Spring | SuspectKind::Inertia | SuspectKind::Viscous => ("", f64::INFINITY),
             SuspectKind::Eccentricity => ("rad", 0.1),
             SuspectKind::Resonance => ("s^2", f64::INFINITY),
             SuspectKind::Zero => ("rad", 0.5),
@@ -413,10 +425,10 @@ impl SuspectColumns {
         }
     }
 
-    /// Prepares the columns of inertias for the same samples, at θ.
-    pub fn sense_inertias(&mut self, len: usize, signals: &Trajectory, plant: &impl Plant, theta: &[f64]) {
-        for inertia in self.inertias.iter_mut().flatten() {
-            inertia.sense(plant, theta, &signals.q, len);
+    /// Prepares the columns of inertias and viscous friction for the same samples, at θ.
+    pub fn sense_through_drives(&mut self, len: usize, signals: &Trajectory, plant: &impl Plant, theta: &[f64]) {
+        for own in self.through_drives.iter_mut().flatten() {
+            own.sense(plant, theta, &signals.q, len);
         }
     }
 
@@ -449,8 +461,8 @@ impl SuspectColumns {
         }
     }
 
-    /// Projects the column of an inertia for one row.
-    pub fn project_inertia(
+    /// Projects the columns of an inertia and of viscous friction for one row.
+    pub fn project_through_drive(
         &mut self,
         e: usize,
         row: usize,
@@ -459,8 +471,13 @@ impl SuspectColumns {
         scale: f64,
         kernels: &Kernels,
     ) {
-        if let Some(inertia) = &self.inertias[e] {
-            self.columns[e][1 + PER_EQUATION * e + INERTIA][row] = inertia.column(&signals.q, centre, scale, kernels);
+        let Some(own) = &self.through_drives[e] else { return };
+        let columns = &mut self.columns[e][1 + PER_EQUATION * e..];
+        if let Some(inertia) = columns[INERTIA].get_mut(row) {
+            *inertia = own.inertia(&signals.q, centre, scale, kernels);
+        }
+        if let Some(friction) = columns[VISCOUS].get_mut(row) {
+            *friction = own.friction(&signals.q, centre, scale, kernels);
         }
     }
 
@@ -505,16 +522,6 @@ impl SuspectColumns {
         });
         whitening.apply_all(Direction::Backward, columns);
     }
-}
-
-fn standard_deviation(values: &[f64]) -> f64 {
-    let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
-    let sum: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
-    (sum / values.len().max(1) as f64).sqrt()
-}
-
-fn root_mean_square(values: &[f64]) -> f64 {
-    (dot(values, values) / values.len().max(1) as f64).sqrt()
 }
 
 #[cfg(test)]

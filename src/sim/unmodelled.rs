@@ -1,8 +1,8 @@
-//! Effects of a real arm that equations (12) to (23) lack: friction independent of speed, a tilted
-//! base, windings that heat up, rotors of geared motors.
+//! Effects of a real arm that equations (12) to (23) lack: friction, a tilted base, windings that
+//! heat up, rotors of geared motors.
 //!
 //! ```text
-//! M_f = F tanh(q̇/v)                         Coulomb friction of a joint, its jump at q̇ = 0 smoothed over the speed v
+//! M_f = F tanh(q̇/v) + b q̇                   Coulomb and viscous friction of a joint, the jump at q̇ = 0 smoothed over the speed v
 //! U   = W (cos α sin q₂ + sin α cos q₂ sin q₁)    potential energy with the base's axis α off the vertical
 //! R(t) = R (1 + s min(t/T, 1))               both windings grow by the share s within T
 //! E   ← E + ½ Σ J_r q̇²                       rotors turn with their joints, J_r counted at the joint
@@ -25,6 +25,8 @@ pub struct Unmodelled {
     /// v \[rad/s\], > 0: three quarters of the friction act at this speed. A smaller v needs more
     /// `substeps`.
     pub friction_speed_rad_per_s: f64,
+    /// b of each joint \[N m s/rad\], ≥ 0.
+    pub viscous_friction_n_m_s_per_rad: [f64; ARM_JOINTS],
     /// Time at which friction begins \[s\], ≥ 0.
     pub friction_from_s: f64,
     /// α \[rad\], −0.5 to 0.5.
@@ -43,6 +45,7 @@ impl Unmodelled {
         Self {
             coulomb_friction_n_m: [0.0; ARM_JOINTS],
             friction_speed_rad_per_s: 0.002,
+            viscous_friction_n_m_s_per_rad: [0.0; ARM_JOINTS],
             friction_from_s: 0.0,
             base_tilt_rad: 0.0,
             heating_share: 0.0,
@@ -63,12 +66,16 @@ impl Unmodelled {
     #[inline]
     pub(super) fn friction(&self, dq: [f64; ARM_JOINTS]) -> [(f64, f64); ARM_JOINTS] {
         std::array::from_fn(|joint| {
-            let size = self.coulomb_friction_n_m[joint];
+            let (size, viscous) = (
+                self.coulomb_friction_n_m[joint],
+                self.viscous_friction_n_m_s_per_rad[joint],
+            );
             if size == 0.0 {
-                return (0.0, 0.0);
+                return (viscous * dq[joint], viscous);
             }
             let tanh = (dq[joint] / self.friction_speed_rad_per_s).tanh();
-            (size * tanh, size * (1.0 - tanh * tanh) / self.friction_speed_rad_per_s)
+            let slope = size * (1.0 - tanh * tanh) / self.friction_speed_rad_per_s;
+            (size * tanh + viscous * dq[joint], slope + viscous)
         })
     }
 
@@ -79,6 +86,7 @@ impl Unmodelled {
         }
         Self {
             coulomb_friction_n_m: [0.0; ARM_JOINTS],
+            viscous_friction_n_m_s_per_rad: [0.0; ARM_JOINTS],
             ..*self
         }
     }
@@ -95,6 +103,9 @@ impl Unmodelled {
     pub fn validate(&self) -> Result<(), SimError> {
         for friction in self.coulomb_friction_n_m {
             not_negative("unmodelled.coulomb_friction_n_m", friction)?;
+        }
+        for friction in self.viscous_friction_n_m_s_per_rad {
+            not_negative("unmodelled.viscous_friction_n_m_s_per_rad", friction)?;
         }
         for inertia in self.rotor_inertia_kg_m2 {
             not_negative("unmodelled.rotor_inertia_kg_m2", inertia)?;

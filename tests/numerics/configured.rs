@@ -204,6 +204,7 @@ fn ident_the_velocity_filter_keeps_its_time_at_every_sample_rate() {
             "plant.seed=2".to_owned(),
             // σ would allow for more than the filter does
             "identifier.considered.drift_per_s=0.0".to_owned(),
+            "identifier.considered.viscous=0.0".to_owned(),
         ]);
         sets.extend(half_width_s.map(|s| format!("identifier.projected.velocity_half_width_s={s:?}")));
         let config = encoder_only(&sets);

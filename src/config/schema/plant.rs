@@ -200,6 +200,8 @@ table! {
             "Friction of each joint that does not depend on speed";
         friction_speed_rad_per_s: f64 = unmodelled.friction_speed_rad_per_s, Kind::Real(POSITIVE), "rad/s",
             "Speed over which this friction changes its sign, as tanh(dq/speed); the smaller, the more plant.substeps it takes";
+        viscous_friction_n_m_s_per_rad: Vec<f64> = unmodelled.viscous_friction_n_m_s_per_rad.to_vec(), joints(NOT_NEGATIVE), "N m s/rad",
+            "Friction of each joint per speed";
         friction_from_s: f64 = unmodelled.friction_from_s, Kind::Real(NOT_NEGATIVE), "s",
             "Time from which on there is friction";
         base_tilt_rad: f64 = unmodelled.base_tilt_rad, Kind::Real(Interval::closed(-0.5, 0.5)), "rad",

@@ -121,6 +121,7 @@ impl ProjectedOptions {
             ("considered.dead_band", considered.dead_band),
             ("considered.spring", considered.spring),
             ("considered.inertia", considered.inertia),
+            ("considered.viscous", considered.viscous),
             ("considered.resonance_hz", considered.resonance_hz),
             ("considered.drift_per_s", considered.drift_per_s),
             ("considered.zero_rad", considered.zero_rad),

@@ -194,14 +194,14 @@ impl<P: Plant> Projection<P> {
         self.suspects
             .sense(block.samples.len, signals, &block.noise.q_std, noise);
         self.suspects
-            .sense_inertias(block.samples.len, signals, &block.form.plant, &self.theta);
+            .sense_through_drives(block.samples.len, signals, &block.form.plant, &self.theta);
         for e in 0..block.form.equations() {
             let scale = block.form.input(e).1;
             for (row, window) in block.samples.windows.all().iter().enumerate() {
                 let moments = block.moments(e, window.centre, &signals.u);
                 self.suspects.project(e, row, window.centre, scale, kernels, moments);
                 self.suspects
-                    .project_inertia(e, row, signals, window.centre, scale, kernels);
+                    .project_through_drive(e, row, signals, window.centre, scale, kernels);
                 let c = |joint: usize| self.covariance.sensitivity(block, e, row, joint);
                 self.suspects.turn(e, row, c);
             }

@@ -65,6 +65,8 @@ pub enum Disturbance {
     Heating,
     /// A rotor at joint 2, in per cent of the inertia of link 2.
     Rotor(u32),
+    /// Viscous friction at both joints, in N m s/rad.
+    Viscous(u32),
     /// The gain of a motor's measured voltage is wrong from the middle of the run on.
     GainLater {
         /// Joint, 1 or 2.
@@ -144,7 +146,7 @@ impl Disturbance {
         Self::InputBits(12),
     ];
     /// Disturbances of the model.
-    pub const MODEL: [Self; 15] = [
+    pub const MODEL: [Self; 16] = [
         Self::friction(1, 2),
         Self::friction(1, 10),
         Self::friction(2, 2),
@@ -160,6 +162,7 @@ impl Disturbance {
         Self::input_offset(1, 500),
         Self::Heating,
         Self::Rotor(5),
+        Self::Viscous(20),
     ];
     /// Faults of a drive or a sensor in the middle of a run.
     pub const SENSOR: [Self; 7] = [
@@ -240,6 +243,7 @@ impl Disturbance {
             Self::InputOffset { joint, millivolts } => format!("input_offset_{joint}_{millivolts}mV"),
             Self::Heating => "heating_10%".to_owned(),
             Self::Rotor(percent) => format!("rotor_2_{percent}%"),
+            Self::Viscous(b) => format!("viscous_{b}Nms"),
             Self::GainLater { joint, percent } => format!("gain_{joint}_later{percent:+}%"),
             Self::OffsetLater { joint, millivolts } => format!("input_offset_{joint}_later_{millivolts}mV"),
             Self::ZeroLater { joint, milliradians } => format!("zero_{joint}_later_{milliradians}mrad"),
@@ -265,6 +269,7 @@ impl Disturbance {
             Self::InputOffset { joint, .. } => Some((&["offset"], Some(joint))),
             Self::Heating => Some((&["heat", "resistance", "drift"], None)),
             Self::Rotor(_) => Some((&["rotor"], Some(2))),
+            Self::Viscous(_) => Some((&["viscous"], None)),
             Self::GainLater { joint, .. } => Some((&["gain"], Some(joint))),
             Self::OffsetLater { joint, .. } => Some((&["offset"], Some(joint))),
             Self::ZeroLater { joint, .. } => Some((&["zero"], Some(joint))),

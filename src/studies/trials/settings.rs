@@ -128,7 +128,7 @@ impl TrialSpec {
 }
 
 /// Keys of the errors that the identifier considers.
-const ERRORS: [&str; 12] = [
+const ERRORS: [&str; 13] = [
     "input_delay_s",
     "gain",
     "coulomb",
@@ -137,6 +137,7 @@ const ERRORS: [&str; 12] = [
     "dead_band",
     "spring",
     "inertia",
+    "viscous",
     "resonance_hz",
     "drift_per_s",
     "zero_rad",
@@ -211,6 +212,10 @@ fn disturbance_settings(spec: &TrialSpec) -> Vec<String> {
             let own = spec.arm.masses_kg().0 * spec.arm.parameters().length_2_m.powi(2) / 3.0;
             let rotors = [0.0, own * f64::from(percent) / 100.0];
             vec![format!("plant.unmodelled.rotor_inertia_kg_m2={rotors:?}")]
+        }
+        Disturbance::Viscous(b) => {
+            let friction = [f64::from(b); 2];
+            vec![format!("plant.unmodelled.viscous_friction_n_m_s_per_rad={friction:?}")]
         }
         Disturbance::GainLater { joint, percent } => {
             let gain = 1.0 + f64::from(percent) / 100.0;

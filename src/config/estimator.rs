@@ -33,14 +33,17 @@ pub(super) fn estimator(form: &FileForm, model: &SharedModel, check: &mut Check<
         lists.push(("lower", &section.lower, per_parameter));
         lists.push(("upper", &section.upper, per_parameter));
     }
+    let names: Vec<&str> = parameters.iter().map(|parameter| &*parameter.name).collect();
     for (name, list, (len, what)) in lists {
         let got = list.len();
         if got != 0 && got != len {
-            let message = format!("expected {len} numbers, one per {what} of the model, or none, got {got}");
+            let mut message = format!("expected {len} numbers, one per {what} of the model, or none, got {got}");
+            if what == "parameter" {
+                message += &format!("; the parameters are {}", names.join(", "));
+            }
             check.wrong(&format!("estimator.{name}"), message);
         }
     }
-    let names: Vec<&str> = parameters.iter().map(|parameter| &*parameter.name).collect();
     for name in section.fixed.iter().filter(|name| !names.contains(&name.as_str())) {
         check.wrong(
             "estimator.fixed",

@@ -32,7 +32,10 @@ pub(super) fn start(
     let path = checkpoint::path(dir(config)?, &config.bus.robot);
     let used = match checkpoint::read(&path) {
         Ok(None) => {
-            tracing::warn!("no checkpoint {} yet; starting cold", path.display());
+            tracing::warn!(
+                "no checkpoint {}; starting cold (run and identifier write one, identify does not)",
+                path.display()
+            );
             return Ok(None);
         }
         Ok(Some(bytes)) => checkpoint::decode(&bytes, &identity(config))

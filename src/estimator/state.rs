@@ -18,7 +18,8 @@
 //!
 //! A model that keeps failing is not right whenever a block happens to fit. Each misfit therefore
 //! costs three blocks that fit, at most 11 in all; after a single one, the two that `Converged`
-//! requires anyway are enough.
+//! requires anyway are enough. A misfit of a block in which more than 0.1 % of the samples are lost
+//! or replaced costs nothing, because these may have caused it.
 //!
 //! Controllers may use θ̂ (`use_ok`) in `Converged`, and in `PoorlyExcited` if it had converged
 //! before and no change was seen since; in both only with the evidence of `evidence.rs`: the data
@@ -88,6 +89,7 @@ impl StateMachine {
     const MOVED: f64 = 0.01;
     const LOST: f64 = 0.05;
     const CLEAN: f64 = 0.01;
+    const SPOILT: f64 = 0.001;
     const MISFIT_COSTS: u32 = 3;
     const MOST_DISTRUST: u32 = 12;
 
@@ -162,7 +164,7 @@ impl StateMachine {
             };
         }
         if report.held.is_none() {
-            self.judge(report);
+            self.judge(report, bad > Self::SPOILT);
         }
         let phase = if self.degraded {
             Phase::Degraded
@@ -187,7 +189,8 @@ impl StateMachine {
         Verdict { phase, use_ok }
     }
 
-    fn judge(&mut self, report: &Report) {
+    /// `spoilt`: samples that are lost or replaced may have caused a misfit.
+    fn judge(&mut self, report: &Report, spoilt: bool) {
         let free = report.theta.len() as u32 - report.fixed.count_ones();
         self.poor = if (report.rank as u32) < free {
             self.poor.saturating_add(1)
@@ -206,7 +209,7 @@ impl StateMachine {
         let predicted = self.seen && settled && within(Self::NOISE, Self::SIGNAL);
         self.predicted = if predicted { self.predicted.saturating_add(1) } else { 0 };
         // an open question, such as what has changed, is no failure of the model
-        self.distrust = if report.fit_probability < MISFIT {
+        self.distrust = if report.fit_probability < MISFIT && !spoilt {
             (self.distrust + Self::MISFIT_COSTS).min(Self::MOST_DISTRUST)
         } else {
             self.distrust.saturating_sub(1)
@@ -335,6 +338,10 @@ mod tests {
             assert_eq!(drive(&mut m, |_| ()), (Phase::Converging, false));
         }
         assert_eq!(blocks_to_use(&mut m), 3 * StateMachine::MISFIT_COSTS as usize - 4);
+        // a lost sample may be the reason
+        let spoilt = |r: &mut Report| (r.misfit, r.fit_probability, r.rows) = (1, 0.0, 99);
+        drive(&mut m, spoilt);
+        assert_eq!(blocks_to_use(&mut m), 2);
         for _ in 0..50 {
             drive(&mut m, misfit);
         }

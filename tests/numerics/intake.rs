@@ -74,7 +74,9 @@ fn identify(received: &[(usize, u64, JointSample)], rows: ProjectedOptions) -> O
         }
         block.prepare(estimator.theta());
         let report = estimator.update(&block);
-        outcome.use_ok += usize::from(judge.step(report, 0.0).use_ok);
+        // as the service counts what was replaced
+        let spiky = f64::from(block.replaced()) / (2 * plant.joints()) as f64 / N as f64;
+        outcome.use_ok += usize::from(judge.step(report, spiky).use_ok);
         outcome.alarms += usize::from(report.change.is_some());
         outcome.replaced += block.replaced();
         outcome.rows += report.rows;
@@ -229,14 +231,15 @@ fn fault_spikes_are_replaced_before_they_enter_a_window() {
             });
             if u_size == 0.0 {
                 honest(&spiky);
-                // one run of 48 contradicts θ₁/θ₃ = θ₂/θ₄ by what replaced samples make of the edges
+                // in one run of 48, what is left of the spikes at an edge keeps σ of θ₃ as wide as viscous
+                // friction makes it
                 assert!(spiky.wider < 2.5, "{}", spiky.wider);
             } else {
                 // a spike of the input on a step of the setpoint, or next to it, cannot be
                 // distinguished from the step: once or twice a run
                 assert!(spiky.covered > 0.8 && spiky.worst < 6.0 && spiky.alarms <= 3);
             }
-            assert!(spiky.least_use_ok >= 2);
+            assert!(spiky.least_use_ok >= 3);
         }
         // nothing to find
         let clean = trial(&format!("{kind:?} no spikes"), kind, 8, rows(kind), |_, _, _| ());

@@ -141,7 +141,7 @@ impl Case {
         let offsets: Vec<usize> = (0..n).map(|j| named(j).unwrap()).collect();
         let sign = |j: usize| if j.is_multiple_of(2) { 1.0 } else { -1.0 };
         let simulator = self.simulator();
-        let truth = simulator.truth(&model, 0.0);
+        let machine = self.simulator();
         let identifier = RobotIdentifier::new(model, options).unwrap();
         let mask = signals::Q | signals::INPUT | if self.velocity_noise.is_some() { signals::DQ } else { 0 };
         let options = IdentifierOptions {
@@ -178,7 +178,7 @@ impl Case {
             if estimate.use_ok == 0 {
                 continue;
             }
-            let mut truth = truth.clone();
+            let mut truth = machine.truth(node.learner().robot().model(), 1e-3 * seq as f64);
             for (j, effort) in efforts.iter().enumerate() {
                 truth[offsets[j]] += sign(j) * effort * self.drift * minutes;
             }
@@ -186,8 +186,7 @@ impl Case {
                 let error = (estimate.theta[i] - truth[i]).abs();
                 error > 5.0 * estimate.theta_std[i] && error > 0.005 * truth[i].abs()
             };
-            // the payload is not judged here
-            let is_dangerous = estimate.usable.iter().filter(|i| *i < truth.len()).any(is_wrong);
+            let is_dangerous = estimate.usable.iter().any(is_wrong);
             run.usable += 1;
             run.dangerous += usize::from(is_dangerous);
             run.late += usize::from(is_dangerous && run.named_s.is_some());
@@ -298,8 +297,7 @@ fn prop_a_right_machine_is_never_named() {
         let run = case.run();
         println!("{case:?}: {run:?}");
         assert_eq!(run.named_s, None, "{run:?}");
-        // what the flange carries is part of the last link, which is not judged here
-        assert!(case.load_s.is_some() || run.dangerous == 0, "{run:?}");
+        assert_eq!(run.dangerous, 0, "{run:?}");
     }
 }
 
@@ -341,14 +339,11 @@ fn prop_a_checkpoint_goes_on_alike_and_identify_names_the_gain() {
 }
 
 /// Whole recordings of a real robot: none is named with the published torque constants, which are
-/// 2 to 3 % off against each other at joints 2 to 6, and a wrong one is. What the model lacks is
-/// correlated, so L of (6) is larger than for noise: in one of ten blocks the neighbour may be named
-/// alone.
+/// 2 to 3 % off against each other at joints 2 to 6, and a wrong one is, alone or with a neighbour.
 #[test]
 fn val_recordings_of_a_real_robot_are_named_only_with_a_wrong_gain() {
     let Some(robot) = ur10e() else { return };
     let model = RobotModel::new(robot, true, vec![JointFriction::default(); 6]).unwrap();
-    let mut all = (0, 0);
     for name in [
         "empty_14harm.csv",
         "empty_15harm.csv",
@@ -375,14 +370,11 @@ fn val_recordings_of_a_real_robot_are_named_only_with_a_wrong_gain() {
                 "{name}, x {factor}: {right} right, {wrong} wrong of {blocks}: {:?}",
                 identifier.wrong_gain()
             );
-            match factor == 1.0 {
-                true => assert_eq!(wrong, 0),
-                false => assert!(right > 0, "{name}"),
-            }
-            all = (all.0 + right, all.1 + wrong);
+            assert_eq!(wrong, 0, "{name}");
+            // a fifth to a third of the blocks pass before it is sure
+            assert!(factor == 1.0 || 2 * right > blocks, "{name}: {right} of {blocks}");
         }
     }
-    assert!(10 * all.1 <= all.0, "{all:?}");
 }
 
 /// Prints what is left over many seeds; `THETABUS_SEEDS` says how many.

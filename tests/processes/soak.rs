@@ -45,8 +45,8 @@ fn soak(config: &str, samples: u64, look: Duration, args: &[&str]) {
     let site = Site::new();
     let mut observer = site.observer();
     let duration = (samples as f64 / 1e3).to_string();
-    // What σ allows for a drift follows what the last hundred blocks say of one, by some 20 %; here
-    // Γ alone is judged.
+    // What σ allows for a drift follows what the last hundred blocks say of one, by some 20 %, and
+    // what it allows for viscous friction falls with all of them; here Γ alone is judged.
     let fixed = [
         config,
         "--duration",
@@ -55,6 +55,8 @@ fn soak(config: &str, samples: u64, look: Duration, args: &[&str]) {
         "estimator.max_iterations=10",
         "--set",
         "identifier.considered.drift_per_s=0.0",
+        "--set",
+        "identifier.considered.viscous=0.0",
     ];
     let mut run = site.start_run(&[&fixed[..], args].concat());
     let roles = ["plant", "identifier", "monitor"];

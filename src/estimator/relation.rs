@@ -26,8 +26,8 @@ use super::group::GroupState;
 use super::groups::Groups;
 use super::linalg::dot;
 
-/// Standard deviations of ρ above which the data contradict the relation: once in 2000 runs by
-/// chance, if no error is considered.
+/// |ρ| over its standard deviation above which the data contradict the relation. If no error is
+/// considered, that happens by chance in one run of 2000.
 const CONTRADICTION: f64 = 3.5;
 /// Standard deviation of ρ, relative to its products, above which nothing is imposed.
 const OPEN: f64 = 0.5;

@@ -1,6 +1,6 @@
 //! Texts that explain the states of an estimate.
 
-use crate::estimator::MISFIT;
+use crate::estimator::{LEAST_EXPLAINED, MISFIT};
 use crate::messages::Estimate;
 
 /// Share of an input's power below which a model has little to do with the machine.
@@ -35,11 +35,12 @@ pub fn misfit_words(estimate: &Estimate, least_explained: Option<f64>) -> String
             100.0 * worst,
             100.0 * least
         ),
-        Some(_) => "a parameter is at its bound, or the model lacks a term".to_owned(),
-        None => format!(
+        // no model is expected to explain more
+        None if worst < LEAST_EXPLAINED => format!(
             "the model explains {:.1} % of an input's power, a parameter is at its bound, or the model lacks a term",
             100.0 * worst
         ),
+        _ => "a parameter is at its bound, or the model lacks a term".to_owned(),
     }
 }
 
@@ -93,5 +94,8 @@ mod tests {
             let words = misfit_words(&message, least);
             assert!(words.contains(said), "{words}");
         }
+        let mut message = estimate(3, 10.0);
+        (message.fit_probability, message.explained[0]) = (0.5, 0.9999);
+        assert!(misfit_words(&message, None).starts_with("a parameter is at its bound, or"));
     }
 }

@@ -26,14 +26,15 @@
 //! parameters.
 //!
 //! A joint is named if z, harm and |s − 1| are large, and s explains the share [`TELLING`] of some
-//! joint's misfit. It stays named while s does, because standard deviations grow with the misfit.
+//! joint's misfit. It stays named on weaker evidence, without harm, because standard deviations
+//! grow with the misfit.
 //! Gains off by less than 10 % are not named: an error of 4 % cannot be told from what the model
 //! lacks on a real robot. Rows with a payload are not used, and a result is kept until there are
 //! enough rows without one.
 
 use super::drive_gain_room::{DriveGains, WrongGain};
 use super::identify::{RobotIdentifier, TRIED};
-use super::learning::ROWS_PER_PARAMETER;
+use super::learning::{ROWS_PER_PARAMETER, SMALLEST_STD};
 use super::model::Unmodelled;
 use crate::model::MAX_JOINTS;
 
@@ -42,8 +43,7 @@ const MEMORY_S: f64 = 600.0;
 /// z above which a joint is named, and z with x = 1 below which it no longer is.
 const NAMED: f64 = 6.0;
 const KEPT: f64 = 4.0;
-/// Harm above which a joint is named. Standard deviations grow with the misfit, so a joint may stay
-/// named without harm.
+/// Harm above which a joint is named.
 const HARMFUL: f64 = 3.0;
 /// |s − 1| above which a joint is named, and below which it no longer is.
 const LEAST: f64 = 0.1;
@@ -63,8 +63,8 @@ const ALLOWED: f64 = 1.5;
 /// Steps of (4), and the step below which they end.
 const STEPS: usize = 6;
 const CONVERGED: f64 = 1e-3;
-/// Smallest misfit relative to the joint's torque, as in `learning.rs`.
-const SMALLEST: f64 = 1e-18;
+/// Smallest mean square of the misfit, relative to the joint's torque.
+const SMALLEST: f64 = SMALLEST_STD * SMALLEST_STD;
 
 /// A suspected joint.
 #[derive(Debug, Clone, Copy)]

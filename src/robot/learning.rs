@@ -16,7 +16,7 @@ const KEPT_INFLATION: f64 = 8.0;
 /// Averaging time of σ_j² after settling, in blocks.
 const FOLLOWED_BLOCKS: f64 = 20.0;
 /// Smallest σ_j relative to the joint's mean torque, because a perfect simulation has no residual.
-const SMALLEST_STD: f64 = 1e-9;
+pub(super) const SMALLEST_STD: f64 = 1e-9;
 /// The same while a joint has hardly more rows than its share of the parameters, so that almost any
 /// data fit.
 const UNTRIED_STD: f64 = 0.02;

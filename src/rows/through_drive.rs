@@ -13,9 +13,9 @@
 //! amplitude is no share of c_1, because a payload changes the inertia of the link and not that of
 //! the rotor.
 //!
-//! Viscous friction adds to the back EMF, and behind an inductance L and a resistance R also a
-//! L/R to the factor of q̈_j, as an inertia does. On the arm, friction of 0.08 % of the
-//! back EMF makes θ₃ 48 % larger.
+//! Viscous friction looks like back EMF. If the drive has an inductance L and a resistance R, it
+//! also adds (L/R) a to the factor of q̈_j, as an inertia does. On the arm, friction of 0.08 % of
+//! the back EMF makes θ₃ 48 % larger.
 
 use super::kernel::{Kernels, dot};
 use super::present_terms::has_term;
@@ -163,7 +163,7 @@ mod tests {
         let expected = 12.0 * (6.0 * 0.06 + 6.0 * 0.05);
         assert!((column - expected).abs() < 1e-6 * expected, "{column} {expected}");
         let column = own.friction(&q, 60, 12.0, &kernels);
-        // the window's mean of 3 t², 3 times the mean square of its width, is larger by 2e-4 s²
+        // the mean of 3 t² over 41 ms exceeds its value at the centre by less than 2e-4 s²
         let expected = 12.0 * (3.0 * 0.06 * 0.06 + 6.0 * 0.06 * 0.05);
         assert!((column - expected).abs() < 12.0 * 2e-4, "{column} {expected}");
         // 4 θ₇ θ₉ q̈/12

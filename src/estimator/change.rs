@@ -50,7 +50,7 @@ use super::Forward;
 use super::equation::{EquationState, TINY};
 use super::fit::Fit;
 use super::group::GroupState;
-use super::linalg::{Cholesky, dot, gather, mul_vec};
+use super::linalg::{Cholesky, dot, gather};
 use super::long_run::long_run_variance;
 use super::options::{EstimatorOptions, Outliers};
 use super::pass::{Loss, Summable, Sums, used};
@@ -131,12 +131,15 @@ impl GroupState {
                 }
             }
         }
-        for i in 0..n {
-            room.offset[i] = theta[self.parameters.start + i] - self.centre[i];
-        }
+        // A d at θ, and both referred to θ̄, where P is
+        let own = &theta[self.parameters.clone()];
+        self.curvature.turn(own, &self.centre);
+        self.curvature.moved(own, &self.centre, &mut room.offset);
         for i in 0..n {
             room.gradient[i] += dot(&room.total[i * n..(i + 1) * n], &room.offset);
         }
+        self.curvature.turn_information_back(&mut room.total);
+        self.curvature.turn_slope_back(&mut room.gradient);
     }
 
     /// Writes L to `a`: P = L Lᵀ from the eigenvectors of the correlation matrix; zero for fixed
@@ -188,6 +191,7 @@ impl GroupState {
         let n = self.n;
         let room = &mut self.room;
         let (eigen, clusters, root) = (&self.eigen, &mut self.clusters, &room.a);
+        let curvature = &self.curvature;
         let largest = eigen.values[..n].iter().fold(0.0, |a: f64, &b| a.max(b));
         let informs = |b: f64| b > 1e-6 && b > 1e-12 * largest;
         let (mut t, mut rank) = (0.0, 0);
@@ -206,9 +210,12 @@ impl GroupState {
                 rank += 1;
             }
         }
-        t -= self
-            .considered
-            .explained(&room.gradient[..rank], &room.noise, &room.total, |w, image| {
+        t -= self.considered.explained(
+            &room.gradient[..rank],
+            &room.noise,
+            &room.total,
+            curvature,
+            |w, image| {
                 let mut place = 0;
                 for k in 0..n {
                     let b = eigen.values[k];
@@ -223,7 +230,8 @@ impl GroupState {
                         place += 1;
                     }
                 }
-            });
+            },
+        );
         (t, rank)
     }
 
@@ -327,12 +335,7 @@ impl GroupState {
     ) {
         let n = self.n;
         let variance = self.variance().max(TINY);
-        self.room.total.copy_from_slice(&self.prior);
-        for i in 0..n {
-            self.room.offset[i] = theta[self.parameters.start + i] - self.centre[i];
-        }
-        mul_vec(n, &self.prior, &self.room.offset, &mut self.room.gradient);
-        self.room.gradient.iter_mut().for_each(|g| *g = -*g);
+        self.expand_prior(theta);
         let mut total = self.prior_cost(theta);
         let mut reached = if after { whole.end } else { whole.start };
         for step in 0..boundaries.len() {

@@ -27,6 +27,7 @@
 //! mean never publishing on smooth motion, which does not show an inductance; a parameter that the
 //! motion does not show simply stays unconfirmed.
 
+use super::curvature::Curvature;
 use super::equation::{EquationState, TINY};
 use super::linalg::{Eigen, mul_vec};
 use super::pass::Sums;
@@ -140,6 +141,25 @@ impl Confirmation {
                 self.vector[row] += weight * (sums.score[i] + along);
             }
         }
+    }
+
+    /// Refers the information at `centre`, θ̂ before the block, to `theta`, which becomes θ_r; see
+    /// `curvature.rs`.
+    pub fn turn(&mut self, curvature: &Curvature, theta: &[f64], centre: &[f64]) {
+        if self.is_settled() {
+            return;
+        }
+        for i in 0..self.n {
+            let since = centre[i] - self.reference[i];
+            self.discrepancy[i] = since + curvature.displacement(i, theta, centre);
+        }
+        mul_vec(self.n, &self.information, &self.discrepancy, &mut self.image);
+        for (vector, image) in self.vector.iter_mut().zip(&self.image) {
+            *vector -= image;
+        }
+        curvature.turn_slope(&mut self.vector);
+        curvature.turn_information(&mut self.information);
+        self.reference.copy_from_slice(theta);
     }
 
     /// V for θ̂ and P of the group, whose parameters have the sizes `size`, 0 for a fixed one.

@@ -42,6 +42,7 @@
 //! are the score of the errors and their information matrix, which `score_test.rs` adds up over the
 //! blocks.
 
+use super::curvature::Curvature;
 use super::equation::EquationState;
 use super::linalg::{Cholesky, dot};
 use super::line::LineFit;
@@ -194,13 +195,17 @@ impl Considered {
         self.moments.fill(0.0);
     }
 
+    /// Refers T to the θ that `curvature` was turned to.
+    pub fn turn(&mut self, curvature: &Curvature) {
+        for t in self.sensitivity.chunks_exact_mut(self.n) {
+            curvature.turn_change(t);
+        }
+    }
+
     /// Clears the sensitivities of parameter i, which is back at its start value.
     pub fn forget_parameter(&mut self, i: usize) {
-        self.sensitivity
-            .iter_mut()
-            .skip(i)
-            .step_by(self.n)
-            .for_each(|t| *t = 0.0);
+        let own = self.sensitivity.iter_mut().skip(i).step_by(self.n);
+        own.for_each(|t| *t = 0.0);
     }
 
     /// Adopts the errors of the rows.
@@ -218,7 +223,7 @@ impl Considered {
         self.clear_scores();
     }
 
-    /// Sets the change of each parameter by a drift of 1/s; 0 for a fixed one.
+    /// Adopts the change of each parameter by a drift of 1/s; 0 for a fixed one.
     pub fn set_sizes(&mut self, sizes: &[f64]) {
         self.sizes.copy_from_slice(sizes);
     }
@@ -361,10 +366,8 @@ impl Considered {
                 }
             }
             // (c)
-            let (cross, t) = (
-                &self.cross[s * n..(s + 1) * n],
-                &mut self.sensitivity[s * n..(s + 1) * n],
-            );
+            let cross = &self.cross[s * n..(s + 1) * n];
+            let t = &mut self.sensitivity[s * n..(s + 1) * n];
             for i in 0..n {
                 self.vector[i] = dot(&transition[i * n..(i + 1) * n], t) + dot(&gain[i * n..(i + 1) * n], cross);
             }
@@ -500,15 +503,16 @@ impl Considered {
         values: &[f64],
         noise: &[f64],
         total: &[f64],
+        curvature: &Curvature,
         mut image: impl FnMut(&[f64], &mut [f64]),
     ) -> f64 {
         let (n, count, room) = (self.n, self.known, self.scores.len());
         let rank = values.len();
         for s in 0..count {
-            let (t, cross) = (&self.sensitivity[s * n..(s + 1) * n], &self.cross[s * n..(s + 1) * n]);
-            for i in 0..n {
-                self.vector[i] = cross[i] / noise[i] - dot(&total[i * n..(i + 1) * n], t);
-            }
+            let (at, t) = (s * n, &self.sensitivity[s * n..(s + 1) * n]);
+            (0..n).for_each(|i| self.vector[i] = self.cross[at + i] / noise[i]);
+            curvature.turn_slope_back(&mut self.vector);
+            (0..n).for_each(|i| self.vector[i] -= dot(&total[i * n..(i + 1) * n], t));
             image(&self.vector, &mut self.seen[s * n..(s + 1) * n]);
         }
         // an error of amplitude √M_ss: Woodbury's formula for unit columns, with their correlations

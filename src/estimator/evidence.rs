@@ -41,23 +41,18 @@ impl GroupState {
             return false;
         }
         let variance = self.variance().max(TINY);
+        // −½ ∂J/∂θ = g − S (θ − θ_l), less the slope of the prior
+        self.expand_prior(theta);
         let room = &mut self.room;
-        // −½ ∂J/∂θ = g − S (θ − θ_l) − Λ (θ − θ̄)
-        room.gradient.fill(0.0);
         add_scores(&self.equations, &self.at, &mut room.gradient);
-        room.total.fill(0.0);
-        add_grams(n, &self.equations, &self.at, &mut room.total);
+        room.a.fill(0.0);
+        add_grams(n, &self.equations, &self.at, &mut room.a);
         for i in 0..n {
             room.offset[i] = theta[start + i] - linearised[start + i];
         }
-        mul_vec(n, &room.total, &room.offset, &mut room.scale);
+        mul_vec(n, &room.a, &room.offset, &mut room.scale);
         room.gradient.iter_mut().zip(&room.scale).for_each(|(g, v)| *g -= v);
-        for i in 0..n {
-            room.offset[i] = theta[start + i] - self.centre[i];
-        }
-        mul_vec(n, &self.prior, &room.offset, &mut room.scale);
-        room.gradient.iter_mut().zip(&room.scale).for_each(|(g, v)| *g -= v);
-        room.total.iter_mut().zip(&self.prior).for_each(|(s, v)| *s += v);
+        room.total.iter_mut().zip(&room.a).for_each(|(s, v)| *s += v);
         let count = gather(n, &room.total, &self.fixed, &mut room.a);
         if !self.cholesky.factor(count, &room.a[..count * count]) {
             return false;

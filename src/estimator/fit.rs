@@ -68,8 +68,6 @@ impl GroupState {
         theta: &mut [f64],
         options: &EstimatorOptions,
     ) -> Fit {
-        let n = self.n;
-        let start = self.parameters.start;
         let mut cost = self.cost(&self.at, theta);
         let mut fit = Fit {
             iterations: 0,
@@ -107,10 +105,10 @@ impl GroupState {
             let mut fraction = 1.0;
             let mut accepted = false;
             for _ in 0..HALVINGS {
-                for i in 0..n {
-                    let moved = self.room.scale[i] + fraction * self.step.delta()[i];
-                    theta[start + i] = moved.clamp(self.lower[i], self.upper[i]);
-                }
+                let step = |i: usize| fraction * self.step.delta()[i];
+                let clamp = |i: usize, value: f64| value.clamp(self.lower[i], self.upper[i]);
+                let own = &mut theta[self.parameters.clone()];
+                self.curvature.step(&self.room.scale, step, clamp, own);
                 if self.try_at(rows, range.clone(), theta) {
                     let candidate = self.cost(&self.trial, theta);
                     if candidate <= cost + slack {
@@ -136,18 +134,30 @@ impl GroupState {
         fit
     }
 
+    /// Writes the quadratic model of the prior at θ: Tᵀ Λ T to `total`, −Tᵀ Λ d to `gradient`; see
+    /// `curvature.rs`.
+    pub fn expand_prior(&mut self, theta: &[f64]) {
+        let n = self.n;
+        let own = &theta[self.parameters.clone()];
+        self.curvature.turn(own, &self.centre);
+        let room = &mut self.room;
+        room.total.copy_from_slice(&self.prior);
+        self.curvature.turn_information(&mut room.total);
+        for i in 0..n {
+            room.offset[i] = -self.curvature.displacement(i, own, &self.centre);
+        }
+        mul_vec(n, &self.prior, &room.offset, &mut room.gradient);
+        self.curvature.turn_slope(&mut room.gradient);
+        self.curvature.add_holding(own, &mut room.total, &mut room.gradient);
+    }
+
     // the quadratic model at θ: Λ + S and g − Λ (θ − θ̄); θ itself goes to `scale`
     fn model(&mut self, theta: &[f64]) {
         let n = self.n;
+        self.expand_prior(theta);
         let room = &mut self.room;
-        room.total.copy_from_slice(&self.prior);
         add_grams(n, &self.equations, &self.at, &mut room.total);
-        for i in 0..n {
-            room.scale[i] = theta[self.parameters.start + i];
-            room.offset[i] = room.scale[i] - self.centre[i];
-        }
-        mul_vec(n, &self.prior, &room.offset, &mut room.gradient);
-        room.gradient.iter_mut().for_each(|g| *g = -*g);
+        room.scale.copy_from_slice(&theta[self.parameters.clone()]);
         add_scores(&self.equations, &self.at, &mut room.gradient);
     }
 
@@ -174,13 +184,15 @@ impl GroupState {
         sums.iter().map(|s| s.cost).sum::<f64>() + self.prior_cost(theta) // (6), its past as Λ
     }
 
-    /// (θ − θ̄)ᵀ Λ (θ − θ̄).
+    /// dᵀ Λ d, and what holds parameters near their start; see `curvature.rs`.
     pub fn prior_cost(&self, theta: &[f64]) -> f64 {
         let n = self.n;
-        let d = |i: usize| theta[self.parameters.start + i] - self.centre[i];
+        let own = &theta[self.parameters.clone()];
+        let d = |i: usize| self.curvature.displacement(i, own, &self.centre);
         (0..n)
             .map(|i| d(i) * (0..n).map(|j| self.prior[i * n + j] * d(j)).sum::<f64>())
-            .sum()
+            .sum::<f64>()
+            + self.curvature.holding_cost(own)
     }
 
     // the box of a step from the point in `scale`
@@ -188,7 +200,10 @@ impl GroupState {
         for i in 0..self.n {
             let (from, lower, upper) = (self.room.scale[i], self.lower[i], self.upper[i]);
             let (mut down, mut up) = (lower - from, upper - from);
-            if lower >= 0.0 && from > 0.0 && factor.is_finite() {
+            if self.curvature.is_factor(i) && from > 0.0 && factor.is_finite() {
+                // θ_b/f while θ_a grows by f
+                (down, up) = (from * (1.0 - factor), from * (factor - 1.0));
+            } else if lower >= 0.0 && from > 0.0 && factor.is_finite() {
                 down = down.max(from / factor - from);
                 // a parameter that noise has driven to zero can return to its usual size in one
                 // step

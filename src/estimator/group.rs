@@ -15,6 +15,7 @@ use super::conditioning::{LARGEST_CONDITION, invert, repair};
 use super::confirmation::Confirmation;
 use super::considered::{Considered, LineUpdate, Update, room_for};
 use super::constrained::ConstrainedStep;
+use super::curvature::Curvature;
 use super::drift::Drift;
 use super::equation::{EquationState, TINY, add_gram, add_grams, chi_square, evaluate, mean_variance};
 use super::error_covariance::{ErrorCovariance, clear_entries};
@@ -70,6 +71,8 @@ pub struct GroupState {
     /// Λ and θ̄ of the present fit.
     pub prior: Vec<f64>,
     pub centre: Vec<f64>,
+    /// The coordinates in which Λ holds around θ̄.
+    pub curvature: Curvature,
     /// Sums at the present θ, and at a candidate.
     pub at: Vec<Sums>,
     pub trial: Vec<Sums>,
@@ -124,6 +127,7 @@ impl GroupState {
             condition: 1.0,
             prior: vec![0.0; n * n],
             centre: vec![0.0; n],
+            curvature: Curvature::new(n),
             at: sums.clone(),
             trial: sums,
             rule: Rule::new(options, n),
@@ -220,6 +224,7 @@ impl GroupState {
         self.set_variances(options);
         self.limit_outliers(rows, 0..rows.len(), theta, true, options);
         self.centre.copy_from_slice(&theta[self.parameters.clone()]);
+        self.adopt_products(rows, options);
         self.walk(options);
         if options.forgetting == Forgetting::Directional {
             self.excite(theta);
@@ -269,6 +274,7 @@ impl GroupState {
     /// The block ends at `end_ns`.
     pub fn conclude(&mut self, theta: &[f64], stepped: bool, end_ns: u64, options: &EstimatorOptions) {
         let n = self.n;
+        self.turn(theta);
         self.information.copy_from_slice(&self.prior);
         add_grams(n, &self.equations, &self.at, &mut self.information); // (9), first line of (10)
         self.rule.posterior(n, &mut self.information); // second line of (10)
@@ -294,9 +300,8 @@ impl GroupState {
         }
         room.total.fill(0.0);
         add_grams(n, &self.equations, &self.at, &mut room.total);
-        for i in 0..n {
-            room.offset[i] = theta[self.parameters.start + i] - self.centre[i];
-        }
+        let own = &theta[self.parameters.clone()];
+        self.curvature.moved(own, &self.centre, &mut room.offset);
         let update = Update {
             gain: &room.gain,
             transition: &room.transition,

@@ -24,6 +24,8 @@ mod conditioning;
 mod confirmation;
 mod considered;
 mod constrained;
+mod curvature;
+mod curved_group;
 mod drift;
 mod drift_watch;
 mod drifting_group;
@@ -183,6 +185,11 @@ pub trait Residuals {
     /// default, if it is not known.
     fn sensor_variance(&self, _equation: usize) -> Option<f64> {
         None
+    }
+    /// Parameters that only occur multiplied with others, each with another that does not:
+    /// (parameter, other), see `curvature.rs`. None by default.
+    fn products(&self) -> &[(usize, usize)] {
+        &[]
     }
     /// Number of errors of the model for which the rows have a column, at most 1 and
     /// [`ERRORS_PER_EQUATION`] per equation; any beyond that are ignored.

@@ -233,6 +233,10 @@ impl<P: Plant + Clone> Residuals for AutoWindowBlock<P> {
         self.own().tail(equation, k, theta)
     }
 
+    fn products(&self) -> &[(usize, usize)] {
+        self.own().products()
+    }
+
     fn sensor_variance(&self, equation: usize) -> Option<f64> {
         self.own().sensor_variance(equation)
     }

@@ -43,6 +43,8 @@ pub(super) struct Separation {
     pub sensitivities: Vec<Sensitivity>,
     /// Features per sample, over all equations.
     pub features: usize,
+    /// Parameters that only occur multiplied with others, each with another that also occurs alone.
+    pub products: Vec<(usize, usize)>,
     passes: Vec<Pass>,
 }
 
@@ -53,6 +55,7 @@ impl Separation {
             equations: Vec::new(),
             sensitivities: Vec::new(),
             features: 0,
+            products: Vec::new(),
             passes: Vec::new(),
         };
         let (probes, mut seen) = (probes(plant), Vec::new());
@@ -63,6 +66,7 @@ impl Separation {
             separation.sensitivities.push(sensitivity);
         }
         separation.features = seen.len();
+        separation.products = products(&separation.equations);
         separation
     }
 
@@ -202,6 +206,21 @@ fn constant_slopes(
         (sum - g[d]).abs() <= EQUAL * (size + g[d].abs())
     });
     (linear && slopes.iter().any(|a| *a != 0.0)).then_some(slopes)
+}
+
+fn products(equations: &[Option<Polynomial>]) -> Vec<(usize, usize)> {
+    let monomials: Vec<Monomial> = equations
+        .iter()
+        .flatten()
+        .flat_map(|p| p.monomials.iter().copied())
+        .collect();
+    let alone = |i: usize| monomials.contains(&Monomial::Linear(i)) || monomials.contains(&Monomial::Product(i, i));
+    let pairs = monomials.iter().filter_map(|monomial| match *monomial {
+        Monomial::Product(i, j) if alone(i) && !alone(j) => Some((j, i)),
+        Monomial::Product(i, j) if alone(j) && !alone(i) => Some((i, j)),
+        _ => None,
+    });
+    pairs.collect()
 }
 
 fn sensitivity(plant: &impl Plant, equation: usize, polynomial: Option<&Polynomial>, probes: &[Probe]) -> Sensitivity {

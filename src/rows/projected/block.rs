@@ -106,6 +106,10 @@ impl<P: Plant> Residuals for ProjectedBlock<P> {
         self.rows.tail(equation, k, theta)
     }
 
+    fn products(&self) -> &[(usize, usize)] {
+        self.rows.products()
+    }
+
     fn sensor_variance(&self, _equation: usize) -> Option<f64> {
         self.rows.block.noise.is_known().then_some(1.0)
     }

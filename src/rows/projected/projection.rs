@@ -275,6 +275,10 @@ impl<P: Plant> Residuals for Projection<P> {
         !self.standstill.is_spoilt(equation, index)
     }
 
+    fn products(&self) -> &[(usize, usize)] {
+        &self.block.form.separation.products
+    }
+
     fn tail(&self, equation: usize, k: usize, theta: &[f64]) -> Option<f64> {
         let rests = self
             .len()

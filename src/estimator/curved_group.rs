@@ -1,0 +1,53 @@
+//! A group whose rows contain products of parameters; see `curvature.rs` for the equations.
+
+use super::equation::EquationState;
+use super::group::GroupState;
+use super::options::EstimatorOptions;
+use super::pass::{Summable, Sums};
+
+/// Standard deviation, relative to a parameter, above which a fit is held around its start.
+const HELD: f64 = 0.5;
+
+impl GroupState {
+    /// Adopts the products of the rows, whose sums at θ̄ are in `at`. A single step per block is (8)
+    /// as it stands, so it takes none.
+    pub fn adopt_products(&mut self, rows: &dyn Summable, options: &EstimatorOptions) {
+        if options.max_iterations == 1 {
+            return self.curvature.clear();
+        }
+        let (n, variance, size) = (self.n, self.variance(), &self.start_std);
+        let (equations, fixed, centre) = (self.equations.iter().zip(&self.at), &self.fixed, &self.centre);
+        let weight = |i: usize| {
+            let own = |(e, sums): (&EquationState, &Sums)| {
+                let k = i.checked_sub(e.offset).filter(|&k| k < sums.params);
+                k.map_or(0.0, |k| sums.gram[k * (sums.params + 1)])
+            };
+            let size = if fixed[i] { 0.0 } else { centre[i] };
+            size * size * equations.clone().map(own).sum::<f64>()
+        };
+        self.curvature.adopt(rows, self.parameters.start, weight);
+        let open = |i: usize| {
+            let wide = self.errors.total[i * n + i] > (HELD * centre[i]).powi(2);
+            (wide && size[i] > 0.0).then_some(size[i])
+        };
+        self.curvature.hold(variance, open);
+    }
+
+    /// Refers what was known at θ̄ to `theta`: (d).
+    pub fn turn(&mut self, theta: &[f64]) {
+        if self.curvature.is_flat() {
+            return;
+        }
+        let own = &theta[self.parameters.clone()];
+        self.curvature.turn(own, &self.centre);
+        let curvature = &self.curvature;
+        curvature.turn_information(&mut self.prior);
+        curvature.turn_covariance(&mut self.errors.guess);
+        curvature.turn_covariance(&mut self.errors.change);
+        for e in &mut self.equations {
+            curvature.turn_covariance(&mut e.noise_covariance);
+        }
+        self.considered.turn(curvature);
+        self.confirmation.turn(curvature, own, &self.centre);
+    }
+}

@@ -26,8 +26,8 @@
 //! J ← J + σ² (l/ln 2)²,  l = the part of ln(θ_a/s_a) beyond ± ln 10    s_a: size of the start value  (e)
 //! ```
 //!
-//! Nothing is turned if θ_a changes its sign or by more than a factor of 10⁴. Rows of the paper's
-//! form stay as the paper has them: T = I.
+//! Nothing is turned if θ_a changes its sign or by more than a factor of 10⁴. The paper's single
+//! step per block stays as the paper has it: T = I.
 
 use super::Residuals;
 use std::f64::consts::{LN_2, LN_10};

@@ -237,7 +237,8 @@ where
         match &settings.rows {
             RowForm::Pointwise => {
                 let rows = PointwiseBlock::new(self.pointwise.clone(), settings.input, block_len)
-                    .leaving_out_standstill(&self.plant);
+                    .leaving_out_standstill(&self.plant)
+                    .knowing_products(&self.plant);
                 self.node(settings, pointwise_signals(settings.input, &self.definition), rows)
             }
             RowForm::Projected(options) => {

@@ -4,6 +4,7 @@
 //! it, so relinearising a block costs only arithmetic.
 
 use super::SampleBlock;
+use super::separation::Separation;
 use super::standstill::SlowSamples;
 use crate::estimator::{ParameterPrior, Residuals, Structure};
 use crate::model::{JointSample, MAX_JOINTS, PdController, Plant, PointwiseModel};
@@ -63,6 +64,8 @@ pub struct PointwiseBlock<M: PointwiseModel> {
     features: Vec<M::Features>,
     times_ns: Vec<u64>,
     slow: Option<SlowSamples>,
+    /// See [`Residuals::products`].
+    products: Vec<(usize, usize)>,
     capacity: usize,
 }
 
@@ -75,6 +78,7 @@ impl<M: PointwiseModel> PointwiseBlock<M> {
             features: Vec::with_capacity(capacity),
             times_ns: Vec::with_capacity(capacity),
             slow: None,
+            products: Vec::new(),
             capacity,
         }
     }
@@ -85,6 +89,14 @@ impl<M: PointwiseModel> PointwiseBlock<M> {
     #[must_use]
     pub fn leaving_out_standstill(mut self, plant: &impl Plant) -> Self {
         self.slow = SlowSamples::new(plant, self.capacity);
+        self
+    }
+
+    /// Tells the estimator which parameters of the plant only occur multiplied with others; see
+    /// [`Residuals::products`]. Without this, the rows are the paper's in every respect.
+    #[must_use]
+    pub fn knowing_products(mut self, plant: &impl Plant) -> Self {
+        self.products = Separation::new(plant).products;
         self
     }
 
@@ -149,6 +161,10 @@ impl<M: PointwiseModel> Residuals for PointwiseBlock<M> {
     #[inline]
     fn is_used(&self, equation: usize, index: usize) -> bool {
         !self.slow.as_ref().is_some_and(|slow| slow.is_spoilt(equation, index))
+    }
+
+    fn products(&self) -> &[(usize, usize)] {
+        &self.products
     }
 
     fn span(&self, index: usize) -> (u64, u64) {

@@ -15,7 +15,7 @@ impl GroupState {
         if options.max_iterations == 1 {
             return self.curvature.clear();
         }
-        let (n, variance, size) = (self.n, self.variance(), &self.start_std);
+        let (n, variance, priors) = (self.n, self.variance(), &options.parameters[self.parameters.clone()]);
         let (equations, fixed, centre) = (self.equations.iter().zip(&self.at), &self.fixed, &self.centre);
         let weight = |i: usize| {
             let own = |(e, sums): (&EquationState, &Sums)| {
@@ -28,7 +28,8 @@ impl GroupState {
         self.curvature.adopt(rows, self.parameters.start, weight);
         let open = |i: usize| {
             let wide = self.errors.total[i * n + i] > (HELD * centre[i]).powi(2);
-            (wide && size[i] > 0.0).then_some(size[i])
+            let size = priors[i].start.abs().max(priors[i].std);
+            (wide && size > 0.0).then_some(size)
         };
         self.curvature.hold(variance, open);
     }

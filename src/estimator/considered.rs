@@ -223,7 +223,7 @@ impl Considered {
         self.clear_scores();
     }
 
-    /// Adopts the change of each parameter by a drift of 1/s; 0 for a fixed one.
+    /// Sets the change of each parameter by a drift of 1/s; 0 for a fixed one.
     pub fn set_sizes(&mut self, sizes: &[f64]) {
         self.sizes.copy_from_slice(sizes);
     }

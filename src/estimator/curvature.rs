@@ -1,33 +1,36 @@
-//! Coordinates in which knowledge of a product of parameters keeps its meaning while θ̂ moves.
+//! Coordinates in which what is known of a product of parameters stays valid while θ̂ moves.
 //!
 //! ```text
-//! θ_b only occurs multiplied with θ_a and θ_c, and θ_a has the larger terms; r = θ_a/θ̄_a:
-//! d_b(θ) = r (θ_b − θ̄_b)        θ̄_a d_b + θ̄_b d_a = θ_a θ_b − θ̄_a θ̄_b: the product is linear in d
-//! d_c(θ) = θ_c/r − θ̄_c + θ̄_c (r − 1)   for θ_c/θ_a, likewise
-//! d_i(θ) = θ_i − θ̄_i             all others                                                      (a)
-//! T      = ∂d/∂θ, I at θ̄: T_bb = r, T_ba = (θ_b − θ̄_b)/θ̄_a,  T_cc = 1/r, T_ca = (θ̄_c − θ_c/r²)/θ̄_a  (b)
-//! J      = Σ w f² + dᵀ Λ d                                                  the prior of fit.rs   (c)
-//! Λ ← Tᵀ Λ T,   P ← T⁻¹ P T⁻ᵀ,   T_s ← T⁻¹ T_s                              what was known at θ̄, at θ  (d)
+//! θ_b occurs only in products, with θ_a and θ_c. The terms of θ_a are larger. r = θ_a/θ̄_a.
+//!
+//! d_b(θ) = r (θ_b − θ̄_b)                so θ̄_a d_b + θ̄_b d_a = θ_a θ_b − θ̄_a θ̄_b
+//! d_c(θ) = θ_c/r − θ̄_c + θ̄_c (r − 1)    so d_c/θ̄_a − θ̄_c d_a/θ̄_a² = θ_c/θ_a − θ̄_c/θ̄_a
+//! d_i(θ) = θ_i − θ̄_i                    all others                                            (a)
+//! T = ∂d/∂θ, which is I at θ̄:  T_bb = r,    T_ba = (θ_b − θ̄_b)/θ̄_a
+//!                              T_cc = 1/r,  T_ca = (θ̄_c − θ_c/r²)/θ̄_a                          (b)
+//! J = Σ w f² + dᵀ Λ d                   the cost of a fit, with the prior in d                 (c)
+//! Λ ← Tᵀ Λ T,  P ← T⁻¹ P T⁻ᵀ,  T_s ← T⁻¹ T_s      from θ̄ to θ; T_s: sensitivities of considered.rs (d)
 //! ```
 //!
-//! The arm's rows show θ₇θ₉ far better than θ₇ alone. What they leave open is a curve, θ₇θ₉ =
-//! const and θ₆/θ₇ = const, whose tangent turns as θ̂ moves along it by a share δ. In θ itself each
-//! block would therefore add its sharp information on the product in a slightly different
-//! direction, and the sum would inform on the curve: σ of θ₉ as small as σ of the product over δ,
-//! without any evidence (as in EKF-SLAM: S. J. Julier and J. K. Uhlmann, A counter example to the
-//! theory of simultaneous localization and map building, ICRA 2001). In d the curve is a straight
-//! line, and θ_a keeps its own coordinate, in which the terms without θ_b are the same everywhere.
+//! The arm's rows show θ₇θ₉ far better than θ₇ alone. They leave a curve open: θ₇θ₉ = const and
+//! θ₆/θ₇ = const. If θ̂ moves along this curve by a share δ, its tangent turns by δ. If each block
+//! added its information in θ itself, the tangents would differ from block to block, and the sum
+//! would seem to determine the place on the curve: the standard deviation of θ₉ would fall to that
+//! of the product divided by δ, without any evidence. EKF-SLAM has the same fault (S. J. Julier and
+//! J. K. Uhlmann, A counter example to the theory of simultaneous localization and map building,
+//! ICRA 2001). In d the curve is a straight line. θ_a keeps its own coordinate, because the terms
+//! without θ_b are linear in it.
 //!
-//! Noise may also send a fit along the whole curve, to θ_a = 0 and θ_b = ∞, from where no
-//! linearisation returns. As long as θ_a is not known to within half its size, it is therefore held
-//! within a factor of ten of its start, inside which nothing attracts it:
+//! Noise may send a fit along the whole curve, to θ_a = 0 and θ_b = ∞, and no later block brings it
+//! back. If θ_a is not yet known to within half its size, the fit therefore holds it within a
+//! factor of ten of its start value. Inside this range nothing attracts it:
 //!
 //! ```text
-//! J ← J + σ² (l/ln 2)²,  l = the part of ln(θ_a/s_a) beyond ± ln 10    s_a: size of the start value  (e)
+//! J ← J + σ² (l/ln 2)²,  l = the part of ln(θ_a/s_a) beyond ± ln 10,  s_a: size of the start value (e)
 //! ```
 //!
-//! Nothing is turned if θ_a changes its sign or by more than a factor of 10⁴. The paper's single
-//! step per block stays as the paper has it: T = I.
+//! Nothing is turned if θ_a changes its sign, or changes by more than a factor of 10⁴. If a block
+//! takes a single step, as in the paper, T = I.
 
 use super::Residuals;
 use std::f64::consts::{LN_2, LN_10};
@@ -72,7 +75,7 @@ impl Curved {
     }
 }
 
-/// A parameter that (e) holds near its start.
+/// A parameter that (e) holds around its start value.
 #[derive(Debug, Clone, Copy)]
 struct Held {
     own: usize,
@@ -115,9 +118,9 @@ impl Curvature {
         self.held.clear();
     }
 
-    /// Adopts the products of the rows among the parameters from `first` on. `weight`(i) is 0 for a
-    /// fixed parameter, and the sum of the squares of its terms for others: a factor's partner is
-    /// the one with the largest.
+    /// Adopts the products of the rows among the parameters from `first` on. `weight`(i) is the sum
+    /// of the squares of a parameter's terms, and 0 if it is fixed. The partner of a factor is the
+    /// parameter with the largest weight.
     pub fn adopt(&mut self, rows: &dyn Residuals, first: usize, weight: impl Fn(usize) -> f64) {
         self.clear();
         let size = self.size;
@@ -145,7 +148,7 @@ impl Curvature {
         }
     }
 
-    /// Holds the partners that `open`(i) gives a size for; `variance` is σ².
+    /// Holds each partner for which `open`(i) gives the size s_a; `variance` is σ².
     pub fn hold(&mut self, variance: f64, open: impl Fn(usize) -> Option<f64>) {
         for curved in &self.curved {
             let own = curved.partner;
@@ -345,6 +348,7 @@ mod tests {
         let curvature = curvature();
         let d: Vec<f64> = (0..4).map(|i| curvature.displacement(i, &THETA, &CENTRE)).collect();
         let product = CENTRE[0] * d[2] + CENTRE[2] * d[0];
+        // all values have a size of 1 to 10: a few rounding units
         assert!((product - (THETA[0] * THETA[2] - CENTRE[0] * CENTRE[2])).abs() < 1e-15);
         let ratio = (d[1] - CENTRE[1] / CENTRE[0] * d[0]) / CENTRE[0];
         assert!((ratio - (THETA[1] / THETA[0] - CENTRE[1] / CENTRE[0])).abs() < 1e-14);
@@ -395,6 +399,7 @@ mod tests {
                     let pairs = (0..4).flat_map(|k| (0..4).map(move |l| (k, l)));
                     pairs.map(|(k, l)| t(i, k) * m[k * 4 + l] * t(j, l)).sum::<f64>()
                 };
+                // differences over 2e-6 lose ten of sixteen digits, and the entries of T reach 15
                 assert!((turned[i * 4 + j] - forth(&information)).abs() < 1e-7, "{i} {j}");
                 assert!((back(&covariance) - information[i * 4 + j]).abs() < 1e-7, "{i} {j}");
                 assert_eq!(turned[i * 4 + j], turned[j * 4 + i]);

@@ -5,12 +5,13 @@ use super::group::GroupState;
 use super::options::EstimatorOptions;
 use super::pass::{Summable, Sums};
 
-/// Standard deviation, relative to a parameter, above which a fit is held around its start.
+/// A fit holds a parameter around its start value if the standard deviation exceeds this share of
+/// the parameter.
 const HELD: f64 = 0.5;
 
 impl GroupState {
-    /// Adopts the products of the rows, whose sums at θ̄ are in `at`. A single step per block is (8)
-    /// as it stands, so it takes none.
+    /// Adopts the products of the rows; their sums at θ̄ are in `at`. A single step per block is (8)
+    /// of the paper, which uses no products.
     pub fn adopt_products(&mut self, rows: &dyn Summable, options: &EstimatorOptions) {
         if options.max_iterations == 1 {
             return self.curvature.clear();

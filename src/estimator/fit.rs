@@ -5,6 +5,9 @@
 //! δ    = argmin ½ δᵀ (Λ + S) δ − (g − Λ (θ − θ̄))ᵀ δ       in a box
 //! ```
 //!
+//! If the rows contain products of parameters, d(θ) and T of `curvature.rs` take the place of θ − θ̄
+//! and I.
+//!
 //! One iteration from θ = θ̄ is exactly (8). With more, the rows are linearised again at each
 //! iteration while the prior stays frozen, so an early linearisation at a bad estimate leaves
 //! nothing in the information. The box is the bounds and a factor `step_factor` per positive
@@ -151,7 +154,7 @@ impl GroupState {
         self.curvature.add_holding(own, &mut room.total, &mut room.gradient);
     }
 
-    // the quadratic model at θ: Λ + S and g − Λ (θ − θ̄); θ itself goes to `scale`
+    // the quadratic model at θ: Tᵀ Λ T + S and g − Tᵀ Λ d; θ itself goes to `scale`
     fn model(&mut self, theta: &[f64]) {
         let n = self.n;
         self.expand_prior(theta);
@@ -184,7 +187,7 @@ impl GroupState {
         sums.iter().map(|s| s.cost).sum::<f64>() + self.prior_cost(theta) // (6), its past as Λ
     }
 
-    /// dᵀ Λ d, and what holds parameters near their start; see `curvature.rs`.
+    /// dᵀ Λ d, and (e) of `curvature.rs`.
     pub fn prior_cost(&self, theta: &[f64]) -> f64 {
         let n = self.n;
         let own = &theta[self.parameters.clone()];

@@ -186,8 +186,9 @@ pub trait Residuals {
     fn sensor_variance(&self, _equation: usize) -> Option<f64> {
         None
     }
-    /// Parameters that only occur multiplied with others, each with another that does not:
-    /// (parameter, other), see `curvature.rs`. None by default.
+    /// Pairs (b, a): parameter b occurs only in products, one of them with parameter a, which also
+    /// occurs alone. The rows may show such a product far better than its factors (`curvature.rs`).
+    /// No pairs by default.
     fn products(&self) -> &[(usize, usize)] {
         &[]
     }

@@ -92,8 +92,8 @@ impl<M: PointwiseModel> PointwiseBlock<M> {
         self
     }
 
-    /// Tells the estimator which parameters of the plant only occur multiplied with others; see
-    /// [`Residuals::products`]. Without this, the rows are the paper's in every respect.
+    /// Tells the estimator which parameters of the plant occur only in products; see
+    /// [`Residuals::products`]. Otherwise the estimator takes the rows as the paper does.
     #[must_use]
     pub fn knowing_products(mut self, plant: &impl Plant) -> Self {
         self.products = Separation::new(plant).products;

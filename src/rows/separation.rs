@@ -43,7 +43,7 @@ pub(super) struct Separation {
     pub sensitivities: Vec<Sensitivity>,
     /// Features per sample, over all equations.
     pub features: usize,
-    /// Parameters that only occur multiplied with others, each with another that also occurs alone.
+    /// Pairs of parameters, see [`Residuals::products`](crate::estimator::Residuals::products).
     pub products: Vec<(usize, usize)>,
     passes: Vec<Pass>,
 }
@@ -208,6 +208,7 @@ fn constant_slopes(
     (linear && slopes.iter().any(|a| *a != 0.0)).then_some(slopes)
 }
 
+/// Pairs (b, a): b occurs only in products, one of them with a, which also occurs alone or squared.
 fn products(equations: &[Option<Polynomial>]) -> Vec<(usize, usize)> {
     let monomials: Vec<Monomial> = equations
         .iter()

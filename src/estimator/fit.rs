@@ -210,7 +210,7 @@ impl GroupState {
                 down = down.max(from / factor - from);
                 // a parameter that noise has driven to zero can return to its usual size in one
                 // step
-                up = up.min((from * factor).max(self.centre[i]).max(self.start_std[i]) - from);
+                up = up.min((from * factor).max(self.centre[i]).max(self.sizes.stated(i)) - from);
             }
             if self.fixed[i] {
                 (down, up) = (0.0, 0.0);

@@ -27,6 +27,7 @@ use super::pass::{Loss, Summable, Sums};
 use super::persist::Visit;
 use super::robust::Magnitudes;
 use super::score_sums::GroupEvidence;
+use super::sizes::Sizes;
 use super::workspace::Workspace;
 use super::{Group, Structure};
 use std::ops::Range;
@@ -61,7 +62,8 @@ pub struct GroupState {
     pub fixed: Vec<bool>,
     pub lower: Vec<f64>,
     pub upper: Vec<f64>,
-    pub start_std: Vec<f64>,
+    /// What a change of 100 % of each parameter means.
+    pub sizes: Sizes,
     /// Directions that the last block informed on.
     pub excitation: Excitation,
     /// Evidence since the last change, and the covariance that may be published.
@@ -121,7 +123,7 @@ impl GroupState {
             fixed: priors.iter().map(|p| p.fixed).collect(),
             lower: priors.iter().map(|p| p.lower).collect(),
             upper: priors.iter().map(|p| p.upper).collect(),
-            start_std: priors.iter().map(|p| p.std).collect(),
+            sizes: Sizes::new(priors),
             excitation: Excitation::new(n),
             confirmation: Confirmation::new(n),
             condition: 1.0,
@@ -156,6 +158,7 @@ impl GroupState {
         self.clusters.visit(v);
         self.considered.visit(v);
         self.inquiry.visit(v);
+        self.sizes.visit(v);
         v.flag(&mut self.drift.active);
         v.count(&mut self.blocks);
         v.small(&mut self.since_alarm);
@@ -199,7 +202,7 @@ impl GroupState {
         let variance = if self.fixed[i] {
             0.0
         } else {
-            self.start_std[i] * self.start_std[i]
+            self.sizes.stated(i).powi(2)
         };
         self.errors.forget_parameter(i, variance);
         for e in &mut self.equations {
@@ -412,8 +415,7 @@ impl GroupState {
 
     /// Size of parameter i: a change of 100 %.
     pub fn size(&self, theta: &[f64], i: usize) -> f64 {
-        let size = theta[self.parameters.start + i].abs().max(self.start_std[i]);
-        if size > 0.0 { size } else { 1.0 }
+        self.sizes.of(i, theta[self.parameters.start + i])
     }
 
     /// True if a free parameter has a standard deviation above half its size, which is evaluated at
@@ -447,6 +449,8 @@ impl GroupState {
     /// Directions that the sums in `at` inform on.
     pub fn excite(&mut self, theta: &[f64]) {
         let n = self.n;
+        self.sizes
+            .learn(&self.equations, &self.at, &theta[self.parameters.clone()]);
         self.room.total.fill(0.0);
         for (e, sums) in self.equations.iter().zip(&self.at) {
             let weight = 1.0 / e.variance.max(TINY);

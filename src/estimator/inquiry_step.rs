@@ -46,8 +46,7 @@ impl GroupState {
     /// the one published last.
     pub fn begin_inquiry(&mut self) {
         for i in 0..self.n {
-            let size = self.centre[i].abs().max(self.start_std[i]);
-            self.room.scale[i] = if size > 0.0 { size } else { 1.0 };
+            self.room.scale[i] = self.sizes.of(i, self.centre[i]);
         }
         let levels = self.equations.iter().filter(|e| e.floor > 0.0);
         let level = levels.map(|e| e.variance / (e.floor * e.floor)).fold(1.0, f64::max);

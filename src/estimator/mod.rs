@@ -55,6 +55,7 @@ mod report;
 mod robust;
 mod score_sums;
 mod score_test;
+mod sizes;
 mod state;
 pub(crate) mod stats;
 mod summed_rows;

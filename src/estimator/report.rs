@@ -245,7 +245,9 @@ impl Report {
                 options.parameters[i].std
             };
             self.theta_std[i] = std;
-            let small = 3.0 * std < USABLE * published.theta[i].abs();
+            let value = published.theta[i];
+            let size = group.map_or(value.abs(), |g| g.sizes.own(i - g.parameters.start, value));
+            let small = 3.0 * std < USABLE * size;
             usable |= u128::from(small && quiet && fits && clear && free) << i;
             if let Some(group) = group.filter(|_| !small && quiet && fits && clear && free && self.blocks > SETTLED)
                 && let own = i - group.parameters.start

@@ -3,7 +3,7 @@
 use super::arm_parameters::{ARM_JOINTS, ArmParameters};
 use super::controller::ControllerOptions;
 use super::error::{SimError, in_range, positive};
-use super::fault::Fault;
+use super::fault::{Fault, FaultKind, FaultSignal};
 use super::schedule::MassSchedule;
 use super::sensors::SensorOptions;
 use super::servo_axis_options::ServoAxisOptions;
@@ -217,7 +217,8 @@ impl SimOptions {
         };
         let value = |name: &str| match name {
             "input_delay" => Some(self.sensors.input_delay_s),
-            "offset_1" | "offset_2" => Some(0.0),
+            "offset_1" => Some(self.input_offset_v(0, t_s)),
+            "offset_2" => Some(self.input_offset_v(1, t_s)),
             name if name.starts_with("coulomb_friction_") => friction(name, &self.arm.winding_resistance_ohm, heated),
             name if name.starts_with("coulomb_inductance_") => friction(name, &self.arm.winding_inductance_h, 1.0),
             _ => None,
@@ -229,6 +230,21 @@ impl SimOptions {
                 known.or_else(|| value(name)).unwrap_or(f64::NAN)
             })
             .collect()
+    }
+
+    /// Offset of the recorded input of a joint at time `t_s` \[s\].
+    fn input_offset_v(&self, joint: usize, t_s: f64) -> f64 {
+        let faults = self.faults.iter();
+        let active = faults.filter(|fault| {
+            let concerns = fault.joint.is_none_or(|own| own == joint);
+            fault.signal == FaultSignal::Input && concerns && (fault.from_s..fault.to_s).contains(&t_s)
+        });
+        active
+            .filter_map(|fault| match fault.kind {
+                FaultKind::Wrong { offset, .. } => Some(offset),
+                _ => None,
+            })
+            .sum()
     }
 
     /// Which of a sample's [`signals`] hold data.

@@ -187,6 +187,9 @@ pub fn quick_cases() -> Vec<Case> {
         cases.extend(Disturbance::MODEL.map(|disturbance| disturbed(MODEL, motion, disturbance)));
     }
     for motion in [Motion::Steps, Motion::MinimumJerk] {
+        cases.extend(Disturbance::MODEL_MENDED.map(|disturbance| disturbed(MENDED, motion, disturbance)));
+    }
+    for motion in [Motion::Steps, Motion::MinimumJerk] {
         cases.extend(Disturbance::SENSOR.map(|disturbance| disturbed(SENSOR, motion, disturbance)));
         cases.extend(Disturbance::OTHER.map(|disturbance| disturbed(OTHER, motion, disturbance)));
     }

@@ -61,6 +61,23 @@ pub enum Disturbance {
         /// Size.
         millivolts: u32,
     },
+    /// The same, with an offset at both joints in the model.
+    InputOffsetModelled {
+        /// Joint, 1 or 2.
+        joint: usize,
+        /// Size.
+        millivolts: u32,
+    },
+    /// An offset of the recorded voltage and Coulomb friction as above at the same joint, both in
+    /// the model.
+    FrictionAndOffsetModelled {
+        /// Joint, 1 or 2.
+        joint: usize,
+        /// Friction.
+        percent: u32,
+        /// Offset.
+        millivolts: u32,
+    },
     /// Both windings' resistances grow by 10 % in 60 s.
     Heating,
     /// A rotor at joint 2, in per cent of the inertia of link 2.
@@ -195,13 +212,21 @@ impl Disturbance {
         Self::FrictionLater { joint: 2, percent: 5 },
     ];
     /// Errors of the model for which the configuration compensates.
-    pub const MODEL_MENDED: [Self; 6] = [
+    pub const MODEL_MENDED: [Self; 10] = [
         Self::DelayEstimated(50),
         Self::DelayEstimated(150),
         Self::friction_modelled(1, 2),
         Self::friction_modelled(1, 10),
         Self::friction_modelled(2, 2),
         Self::friction_modelled(2, 10),
+        Self::offset_modelled(1, 500),
+        Self::offset_modelled(2, 50),
+        Self::offset_modelled(2, 500),
+        Self::FrictionAndOffsetModelled {
+            joint: 2,
+            percent: 10,
+            millivolts: 500,
+        },
     ];
 
     const fn loss(permille: u32, burst: u32) -> Self {
@@ -214,6 +239,10 @@ impl Disturbance {
 
     const fn friction_modelled(joint: usize, percent: u32) -> Self {
         Self::FrictionModelled { joint, percent }
+    }
+
+    const fn offset_modelled(joint: usize, millivolts: u32) -> Self {
+        Self::InputOffsetModelled { joint, millivolts }
     }
 
     const fn input_offset(joint: usize, millivolts: u32) -> Self {
@@ -241,6 +270,12 @@ impl Disturbance {
             Self::Eccentricity(arcsec) => format!("eccentricity_{arcsec}arcsec"),
             Self::Tilt => "tilt_1deg".to_owned(),
             Self::InputOffset { joint, millivolts } => format!("input_offset_{joint}_{millivolts}mV"),
+            Self::InputOffsetModelled { joint, millivolts } => format!("input_offset_{joint}_{millivolts}mV_modelled"),
+            Self::FrictionAndOffsetModelled {
+                joint,
+                percent,
+                millivolts,
+            } => format!("friction_{joint}_{percent}%_and_offset_{millivolts}mV_modelled"),
             Self::Heating => "heating_10%".to_owned(),
             Self::Rotor(percent) => format!("rotor_2_{percent}%"),
             Self::Viscous(b) => format!("viscous_{b}Nms"),

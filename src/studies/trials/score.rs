@@ -32,7 +32,7 @@ pub struct Danger {
 /// One parameter over a run.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ParameterScore {
-    /// Error after the last block relative to the truth.
+    /// Error after the last block relative to the truth; 0 if that is 0.
     pub end_error: f64,
     /// The same in published σ.
     pub end_sigmas: f64,
@@ -147,7 +147,10 @@ impl TrialResult {
             let error = value - truth.theta[i];
             let bound = truth.bound.and_then(|bound| bound.get(i)).copied();
             let score = &mut self.parameters[i];
-            score.end_error = (error / truth.theta[i]).abs();
+            score.end_error = match truth.theta[i] {
+                0.0 => 0.0,
+                value => (error / value).abs(),
+            };
             score.end_sigmas = (error / std).abs();
             if settled && estimate.excited.contains(i) {
                 self.excited += 1;

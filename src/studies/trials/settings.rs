@@ -127,6 +127,15 @@ impl TrialSpec {
     }
 }
 
+/// Start values of a model whose joints have further parameters with these start values, each
+/// behind the joint's own.
+fn start_with(spec: &TrialSpec, further: &[f64]) -> String {
+    let start = spec.start();
+    let (joint_1, joint_2) = start.split_at(5);
+    let start = [joint_1, further, joint_2, further].concat();
+    format!("estimator.theta_start={start:?}")
+}
+
 /// Keys of the errors that the identifier considers.
 const ERRORS: [&str; 13] = [
     "input_delay_s",
@@ -175,16 +184,9 @@ fn disturbance_settings(spec: &TrialSpec) -> Vec<String> {
             ]
         }
         Disturbance::FrictionModelled { joint, percent } => {
-            let mut settings = disturbance_settings(&TrialSpec {
-                disturbance: Disturbance::Friction { joint, percent },
-                ..*spec
-            });
-            let start = spec.start();
-            let start = [&start[..5], &[1.0, 0.1], &start[5..], &[1.0, 0.1]].concat();
-            settings.extend([
-                "model.coulomb_friction=true".to_owned(),
-                format!("estimator.theta_start={start:?}"),
-            ]);
+            let mut settings = disturbance_settings(&spec.disturbed(Disturbance::Friction { joint, percent }));
+            settings.push("model.coulomb_friction=true".to_owned());
+            settings.push(start_with(spec, &[1.0, 0.1]));
             settings
         }
         Disturbance::Delay(us) => vec![sensors("input_delay_s", f64::from(us) * 1e-6)],
@@ -204,6 +206,26 @@ fn disturbance_settings(spec: &TrialSpec) -> Vec<String> {
             "plant.faults=[{{kind=\"wrong\",signal=\"input\",joint={joint},from_s=0.0,offset={:?}}}]",
             f64::from(millivolts) * 1e-3
         )],
+        Disturbance::InputOffsetModelled { joint, millivolts } => {
+            let mut settings = disturbance_settings(&spec.disturbed(Disturbance::InputOffset { joint, millivolts }));
+            settings.push("model.offset=true".to_owned());
+            settings.push(start_with(spec, &[0.0]));
+            settings
+        }
+        Disturbance::FrictionAndOffsetModelled {
+            joint,
+            percent,
+            millivolts,
+        } => {
+            let mut settings = disturbance_settings(&spec.disturbed(Disturbance::InputOffset { joint, millivolts }));
+            settings.extend(disturbance_settings(
+                &spec.disturbed(Disturbance::Friction { joint, percent }),
+            ));
+            settings.push("model.coulomb_friction=true".to_owned());
+            settings.push("model.offset=true".to_owned());
+            settings.push(start_with(spec, &[1.0, 0.1, 0.0]));
+            settings
+        }
         Disturbance::Heating => vec![
             "plant.unmodelled.heating_share=0.1".to_owned(),
             "plant.unmodelled.heating_s=60.0".to_owned(),
@@ -238,10 +260,7 @@ fn disturbance_settings(spec: &TrialSpec) -> Vec<String> {
             vec![spec.fault_later("time", 0, &format!("gain={gain:?}"))]
         }
         Disturbance::FrictionLater { joint, percent } => {
-            let mut settings = disturbance_settings(&TrialSpec {
-                disturbance: Disturbance::Friction { joint, percent },
-                ..*spec
-            });
+            let mut settings = disturbance_settings(&spec.disturbed(Disturbance::Friction { joint, percent }));
             settings.push(format!("plant.unmodelled.friction_from_s={:?}", spec.change_s()));
             settings
         }

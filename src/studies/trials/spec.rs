@@ -165,6 +165,12 @@ impl TrialSpec {
         }
     }
 
+    /// The same with another disturbance.
+    #[must_use]
+    pub fn disturbed(self, disturbance: Disturbance) -> Self {
+        Self { disturbance, ..self }
+    }
+
     /// Words that name the case, without its seed; filters look for them.
     pub fn words(&self) -> Vec<String> {
         vec![

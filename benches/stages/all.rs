@@ -145,12 +145,12 @@ fn arm_rows() -> ProjectedOptions {
 
 /// A projected block in the midst of a run, empty, with an estimator that has seen what came
 /// before.
-fn in_run<P: Plant + Clone + 'static>(
-    plant: &P,
+fn in_run(
+    plant: &(impl Plant + Clone + Send + Sync + 'static),
     rows: ProjectedOptions,
     options: &EstimatorOptions,
     samples: &[JointSample],
-) -> (ProjectedBlock<P>, BlockEstimator) {
+) -> (ProjectedBlock, BlockEstimator) {
     let mut block = ProjectedBlock::new(plant.clone(), rows, BLOCK)
         .and_then(|block| block.starting_at(&options.theta_start()))
         .expect("valid options");
@@ -167,10 +167,10 @@ fn in_run<P: Plant + Clone + 'static>(
 }
 
 /// A projected block in the midst of a run, with an estimator that has seen what came before.
-struct LastBlock<P: Plant> {
+struct LastBlock {
     samples: Vec<JointSample>,
-    empty: ProjectedBlock<P>,
-    full: ProjectedBlock<P>,
+    empty: ProjectedBlock,
+    full: ProjectedBlock,
     settled: BlockEstimator,
 }
 
@@ -178,9 +178,14 @@ struct LastBlock<P: Plant> {
 /// ones are.
 const BEFORE: usize = 11;
 
-impl<P: Plant + Clone + 'static> LastBlock<P> {
+impl LastBlock {
     /// The last of the blocks of these samples.
-    fn of(plant: &P, rows: ProjectedOptions, options: &EstimatorOptions, samples: &[JointSample]) -> Self {
+    fn of(
+        plant: &(impl Plant + Clone + Send + Sync + 'static),
+        rows: ProjectedOptions,
+        options: &EstimatorOptions,
+        samples: &[JointSample],
+    ) -> Self {
         let (before, last) = samples.split_at(BEFORE * BLOCK);
         let (empty, settled) = in_run(plant, rows, options, before);
         let mut full = empty.clone();
@@ -224,7 +229,7 @@ impl<P: Plant + Clone + 'static> LastBlock<P> {
     }
 }
 
-fn push_last<P: Plant>(block: &mut ProjectedBlock<P>, samples: &[JointSample]) {
+fn push_last(block: &mut ProjectedBlock, samples: &[JointSample]) {
     for (k, sample) in samples.iter().enumerate() {
         assert!(black_box(
             block.push((BEFORE * BLOCK + k) as u64 * 1_000_000, black_box(sample))

@@ -12,6 +12,7 @@
 //! both the pointwise form (one row per sample and equation, with the derivatives expanded by the
 //! chain rule) and the projected form (integrals against a smooth window).
 
+mod any_plant;
 mod autodiff;
 mod controller;
 mod delayed;
@@ -24,6 +25,7 @@ mod physical;
 mod raw_manipulator;
 mod servo_axis;
 
+pub use any_plant::{AnyPlant, Number, SharedPlant};
 pub use controller::PdController;
 pub use delayed::Delayed;
 pub use derived::PlantDerived;

@@ -67,7 +67,7 @@ impl BoundEffects {
     }
 
     /// Call this before an order is carried out.
-    pub(super) fn note(&mut self, order: &Order, paused: bool, flags: u32, learner: &impl Learner) {
+    pub(super) fn note(&mut self, order: &Order, paused: bool, flags: u32, learner: &(impl Learner + ?Sized)) {
         let bound = order.tag != 0;
         if bound {
             self.tag = order.tag;
@@ -139,7 +139,7 @@ impl BoundEffects {
 
 impl Before {
     /// Restores which parameters are fixed and free.
-    pub(super) fn hold(&self, learner: &mut impl Learner) {
+    pub(super) fn hold(&self, learner: &mut (impl Learner + ?Sized)) {
         for (index, was) in self.held.iter().enumerate() {
             match was {
                 Previous::Untouched => {}

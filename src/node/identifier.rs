@@ -40,9 +40,9 @@ pub use super::identifier_object::Identifier;
 pub use super::identifier_options::IdentifierOptions;
 
 /// Consumes samples and gives one estimate per block; its learner does the estimation.
-pub struct IdentifierNode<L> {
+pub struct IdentifierNode<L: ?Sized> {
     options: IdentifierOptions,
-    learner: L,
+    learner: Box<L>,
     /// Time of the last change found \[ns of stream time\].
     t_change_ns: u64,
     cursor: SampleCursor,
@@ -63,10 +63,20 @@ impl<L: Learner> IdentifierNode<L> {
     ///
     /// # Panics
     /// If `block_len` is 0.
-    pub fn new(options: IdentifierOptions, mut learner: L, pid: u32) -> Self {
+    pub fn new(options: IdentifierOptions, learner: L, pid: u32) -> Self {
+        Self::boxed(options, Box::new(learner), pid)
+    }
+}
+
+impl<L: Learner + ?Sized> IdentifierNode<L> {
+    /// The same of a learner of any type: all `IdentifierNode<dyn Learner>` share their code.
+    ///
+    /// # Panics
+    /// If `block_len` is 0.
+    pub fn boxed(options: IdentifierOptions, mut learner: Box<L>, pid: u32) -> Self {
         assert!(options.block_len > 0, "a block needs at least one sample");
         let mut node = Self {
-            before_replay: BeforeReplay::new(&mut learner),
+            before_replay: BeforeReplay::new(&mut *learner),
             learner,
             t_change_ns: 0,
             cursor: SampleCursor::new(),
@@ -145,7 +155,7 @@ impl<L: Learner> IdentifierNode<L> {
     }
 
     /// The learner of a node that is no longer needed.
-    pub(super) fn into_learner(self) -> L {
+    pub(super) fn into_learner(self) -> Box<L> {
         self.learner
     }
 
@@ -211,7 +221,7 @@ impl<L: Learner> IdentifierNode<L> {
     /// During a replay, and after it up to the next stream, this is the state from before it.
     pub fn save(&mut self, into: &mut NodeState) {
         match self.before_replay.kept() {
-            None => copy_out(&mut self.learner, &self.tracker.status, into),
+            None => copy_out(&mut *self.learner, &self.tracker.status, into),
             Some(kept) => into.copy_from(kept),
         }
     }
@@ -245,7 +255,7 @@ impl<L: Learner> IdentifierNode<L> {
 
     /// Restores the state before a finished replay, and keeps it while another one is open.
     fn change_teacher(&mut self, sample: &Sample) {
-        let given_back = self.before_replay.give_back(&mut self.learner);
+        let given_back = self.before_replay.give_back(&mut *self.learner);
         if given_back != Ok(false) {
             self.learner.describe(&mut self.tracker.status);
         }
@@ -257,7 +267,7 @@ impl<L: Learner> IdentifierNode<L> {
         if replay {
             match given_back {
                 Ok(true) => self.before_replay.keep_on(),
-                _ => self.before_replay.keep(&mut self.learner, &self.tracker.status),
+                _ => self.before_replay.keep(&mut *self.learner, &self.tracker.status),
             }
         }
     }
@@ -387,10 +397,10 @@ impl<L: Learner> IdentifierNode<L> {
         };
         while let Some(mut order) = self.commands.take_due(is_due) {
             self.bound
-                .note(&order, self.tracker.paused, self.tracker.status.flags, &self.learner);
+                .note(&order, self.tracker.paused, self.tracker.status.flags, &*self.learner);
             self.carry_out(&mut order.change, begin);
             self.before_replay
-                .follow(&order, &mut self.learner, &self.tracker.status);
+                .follow(&order, &mut *self.learner, &self.tracker.status);
             order.border = Border {
                 stream_id: self.tracker.status.stream_id,
                 from_seq: begin,
@@ -430,7 +440,7 @@ impl<L: Learner> IdentifierNode<L> {
             return;
         }
         let before = self.bound.take();
-        before.hold(&mut self.learner);
+        before.hold(&mut *self.learner);
         // the older change last: it holds the original tunables
         for mut order in [before.resized, before.tuned].into_iter().flatten() {
             self.carry_out(&mut order.change, 0);

@@ -33,7 +33,7 @@ pub trait Identifier: Send {
     fn load(&mut self, state: &NodeState) -> Result<(), StateError>;
 }
 
-impl<L: Learner> Identifier for IdentifierNode<L> {
+impl<L: Learner + ?Sized> Identifier for IdentifierNode<L> {
     fn on_sample(&mut self, sample: &Sample, emit: &mut dyn FnMut(&Estimate)) {
         IdentifierNode::on_sample(self, sample, emit);
     }
@@ -55,7 +55,7 @@ impl<L: Learner> Identifier for IdentifierNode<L> {
     }
 
     fn into_rows(self: Box<Self>) -> Box<dyn Any + Send> {
-        Box::new(self.into_learner()).into_rows()
+        self.into_learner().into_rows()
     }
 
     fn save(&mut self, into: &mut NodeState) {

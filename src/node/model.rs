@@ -10,6 +10,7 @@
 
 use super::block_learner::BlockLearner;
 use super::identifier::{Identifier, IdentifierNode, IdentifierOptions};
+use super::learner::Learner;
 use crate::estimator::{BlockEstimator, EstimatorOptions, LEAST_EXPLAINED, Structure};
 use crate::messages::signals;
 use crate::model::{
@@ -243,7 +244,7 @@ where
             }
             RowForm::Projected(options) => {
                 let rows = match settings.auto_window {
-                    true => AutoWindowBlock::chosen(&self.plant, *options, block_len),
+                    true => AutoWindowBlock::chosen(self.plant.clone(), *options, block_len),
                     false => AutoWindowBlock::fixed(self.plant.clone(), *options, block_len),
                 };
                 let rows = rows
@@ -296,9 +297,9 @@ impl<P: Plant, M> PlantModel<P, M> {
             .derived
             .clone()
             .map(|derived| Box::new(Shared(derived)) as Box<dyn DerivedValues + Send>);
-        Ok(Box::new(IdentifierNode::new(
+        Ok(Box::new(IdentifierNode::<dyn Learner>::boxed(
             options,
-            BlockLearner::new(rows, estimator, derived),
+            Box::new(BlockLearner::new(rows, estimator, derived)),
             settings.pid,
         )))
     }

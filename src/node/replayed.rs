@@ -25,7 +25,7 @@ pub(super) struct BeforeReplay {
 
 impl BeforeReplay {
     /// Allocates space for the state without saving one; later calls allocate nothing.
-    pub(super) fn new(learner: &mut impl Learner) -> Self {
+    pub(super) fn new(learner: &mut (impl Learner + ?Sized)) -> Self {
         let mut state = NodeState::default();
         learner.save(&mut state.estimator);
         Self { state, is_kept: false }
@@ -37,7 +37,7 @@ impl BeforeReplay {
     }
 
     /// Saves the state.
-    pub(super) fn keep(&mut self, learner: &mut impl Learner, status: &Status) {
+    pub(super) fn keep(&mut self, learner: &mut (impl Learner + ?Sized), status: &Status) {
         self.is_kept = true;
         copy_out(learner, status, &mut self.state);
     }
@@ -48,7 +48,7 @@ impl BeforeReplay {
     }
 
     /// Call this after an order was carried out: a reset by an operator is permanent.
-    pub(super) fn follow(&mut self, order: &Order, learner: &mut impl Learner, status: &Status) {
+    pub(super) fn follow(&mut self, order: &Order, learner: &mut (impl Learner + ?Sized), status: &Status) {
         if self.is_kept && order.tag == 0 && order.change.replaces() {
             self.keep(learner, status);
         }
@@ -58,7 +58,7 @@ impl BeforeReplay {
     ///
     /// # Errors
     /// If the state is invalid; the learner is then at its start.
-    pub(super) fn give_back(&mut self, learner: &mut impl Learner) -> Result<bool, StateError> {
+    pub(super) fn give_back(&mut self, learner: &mut (impl Learner + ?Sized)) -> Result<bool, StateError> {
         if !std::mem::take(&mut self.is_kept) {
             return Ok(false);
         }
@@ -67,7 +67,7 @@ impl BeforeReplay {
 }
 
 /// Saves the state that another process needs to continue; allocates only if `into` is too small.
-pub(super) fn copy_out(learner: &mut impl Learner, status: &Status, into: &mut NodeState) {
+pub(super) fn copy_out(learner: &mut (impl Learner + ?Sized), status: &Status, into: &mut NodeState) {
     into.blocks = learner.save(&mut into.estimator);
     into.stream_id = status.stream_id;
     into.block = status.last_block;

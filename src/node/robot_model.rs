@@ -1,9 +1,10 @@
 //! A robot from its URDF as a [`Model`], for programs that identify it, simulate it and name its
 //! values.
 
-use super::identifier::{Identifier, IdentifierOptions};
+use super::identifier::{Identifier, IdentifierNode, IdentifierOptions};
+use super::learner::Learner;
 use super::model::{Model, ModelError, NodeSettings};
-use super::robot::{RobotLearner, RobotNode};
+use super::robot::RobotLearner;
 use crate::messages::signals;
 use crate::model::{
     DefinitionError, DerivedQuantity, DerivedValues, Equation, JointSample, MAX_JOINTS, MAX_PARAMS, Parameter,
@@ -218,9 +219,9 @@ impl Model for RobotPlant {
             frozen_after: 0,
             ..settings.options
         };
-        Ok(Box::new(RobotNode::new(
+        Ok(Box::new(IdentifierNode::<dyn Learner>::boxed(
             options,
-            RobotLearner::new(own.drives.clone(), robot, velocities),
+            Box::new(RobotLearner::new(own.drives.clone(), robot, velocities)),
             settings.pid,
         )))
     }

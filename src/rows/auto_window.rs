@@ -19,7 +19,8 @@ use super::projected::{ProjectedBlock, ProjectedError, ProjectedOptions};
 use super::suspect::Suspect;
 use super::{FirstBlocks, SampleBlock};
 use crate::estimator::Residuals;
-use crate::model::{JointSample, MAX_JOINTS, Plant};
+use crate::model::{JointSample, MAX_JOINTS, Plant, SharedPlant};
+use std::sync::Arc;
 
 /// Longest and shortest window \[s\], if the sample period permits.
 const LONGEST_S: f64 = 0.2;
@@ -33,9 +34,9 @@ const LOOK: usize = 2048;
 
 /// Projected rows with a fixed window length, or with one chosen to fit the motion.
 #[derive(Debug, Clone)]
-pub struct AutoWindowBlock<P: Plant> {
+pub struct AutoWindowBlock {
     /// One per length, the longest first.
-    blocks: Vec<ProjectedBlock<P>>,
+    blocks: Vec<ProjectedBlock>,
     active: usize,
     /// Samples of the open block, until the first choice; none with one length.
     kept: Vec<(u64, JointSample)>,
@@ -81,12 +82,16 @@ pub fn auto_window_first(sample_period_s: f64) -> f64 {
     first.unwrap_or(FIRST_S)
 }
 
-impl<P: Plant + Clone> AutoWindowBlock<P> {
+impl AutoWindowBlock {
     /// Rows with the window, stride and velocity filter of `options`.
     ///
     /// # Errors
     /// As [`ProjectedBlock::new`].
-    pub fn fixed(plant: P, options: ProjectedOptions, block_len: usize) -> Result<Self, ProjectedError> {
+    pub fn fixed(
+        plant: impl Plant + Send + Sync + 'static,
+        options: ProjectedOptions,
+        block_len: usize,
+    ) -> Result<Self, ProjectedError> {
         let block = ProjectedBlock::new(plant, options, block_len)?;
         Ok(Self {
             blocks: vec![block],
@@ -106,10 +111,15 @@ impl<P: Plant + Clone> AutoWindowBlock<P> {
     ///
     /// # Errors
     /// As [`ProjectedBlock::new`].
-    pub fn chosen(plant: &P, options: ProjectedOptions, block_len: usize) -> Result<Self, ProjectedError> {
+    pub fn chosen(
+        plant: impl Plant + Send + Sync + 'static,
+        options: ProjectedOptions,
+        block_len: usize,
+    ) -> Result<Self, ProjectedError> {
+        let plant: SharedPlant = Arc::new(plant);
         let period_s = options.sample_period_s;
         let blocks = auto_window_lengths(period_s)
-            .map(|window_s| ProjectedBlock::new(plant.clone(), options.with_window(window_s), block_len))
+            .map(|window_s| ProjectedBlock::shared(plant.clone(), options.with_window(window_s), block_len))
             .collect::<Result<Vec<_>, _>>()?;
         let first = nearest(&blocks, FIRST_S);
         Ok(Self {
@@ -141,15 +151,15 @@ impl<P: Plant + Clone> AutoWindowBlock<P> {
 }
 
 /// The block whose window has the smallest ratio to a length.
-fn nearest<P: Plant + Clone>(blocks: &[ProjectedBlock<P>], window_s: f64) -> usize {
-    let distance = |block: &ProjectedBlock<P>| (block.options().window_s / window_s).ln().abs();
+fn nearest(blocks: &[ProjectedBlock], window_s: f64) -> usize {
+    let distance = |block: &ProjectedBlock| (block.options().window_s / window_s).ln().abs();
     let better = |a: &(usize, f64), b: &(usize, f64)| a.1.total_cmp(&b.1);
     let all = blocks.iter().map(distance).enumerate();
     all.min_by(better).map_or(0, |(index, _)| index)
 }
 
-impl<P: Plant + Clone> AutoWindowBlock<P> {
-    fn own(&self) -> &ProjectedBlock<P> {
+impl AutoWindowBlock {
+    fn own(&self) -> &ProjectedBlock {
         &self.blocks[self.active]
     }
 
@@ -211,7 +221,7 @@ impl<P: Plant + Clone> AutoWindowBlock<P> {
     }
 }
 
-impl<P: Plant + Clone> Residuals for AutoWindowBlock<P> {
+impl Residuals for AutoWindowBlock {
     fn len(&self) -> usize {
         self.own().len()
     }
@@ -278,7 +288,7 @@ impl<P: Plant + Clone> Residuals for AutoWindowBlock<P> {
     }
 }
 
-impl<P: Plant + Clone> SampleBlock for AutoWindowBlock<P> {
+impl SampleBlock for AutoWindowBlock {
     fn push(&mut self, t_ns: u64, sample: &JointSample) -> bool {
         if !self.chosen && self.kept.len() < self.kept.capacity() {
             self.kept.push((t_ns, *sample));

@@ -5,9 +5,9 @@
 //! ∂g_d/∂x at q, q̇, θ        x ∈ {q_j, q̇_j}, two of them in one evaluation
 //! ```
 
-use super::passes::Terms;
+use super::passes::{Shape, Terms};
 use super::theta_polynomial::MAX_ORDER;
-use crate::model::{MAX_JOINTS, MAX_PARAMS, Plant};
+use crate::model::{AnyPlant, MAX_JOINTS, MAX_PARAMS, Number as _};
 use num_dual::HyperDual64;
 
 /// Number of signals in which one evaluation differentiates.
@@ -24,21 +24,23 @@ pub(super) struct Kind {
 }
 
 /// The terms of an equation at θ, to be differentiated in up to [`LANES`] signals.
-pub(super) struct Partials<'a, P> {
-    plant: &'a P,
-    equation: usize,
+pub(super) struct Partials<'a> {
+    plant: &'a dyn AnyPlant,
+    shape: Shape,
+    params: usize,
     theta: [Number; MAX_PARAMS],
     q: [Number; MAX_JOINTS],
     dq: [Number; MAX_JOINTS],
 }
 
-impl<'a, P: Plant> Partials<'a, P> {
+impl<'a> Partials<'a> {
     /// The terms of `equation`, to be differentiated in `kinds`.
-    pub fn new(plant: &'a P, equation: usize, theta: &[f64], kinds: &[Kind]) -> Self {
+    pub fn new(plant: &'a dyn AnyPlant, equation: usize, theta: &[f64], kinds: &[Kind]) -> Self {
         let zero = Number::from_re(0.0);
         let mut own = Self {
             plant,
-            equation,
+            shape: Shape::of(plant, equation),
+            params: theta.len(),
             theta: [zero; MAX_PARAMS],
             q: [zero; MAX_JOINTS],
             dq: [zero; MAX_JOINTS],
@@ -57,14 +59,17 @@ impl<'a, P: Plant> Partials<'a, P> {
     /// ∂g/∂x for each d, at (q, q̇) of each joint.
     #[inline]
     pub fn at(&mut self, signals: impl Fn(usize) -> (f64, f64)) -> [Terms; LANES] {
-        let (joints, params) = (self.plant.joints(), self.plant.parameters().len());
+        let Shape {
+            equation,
+            joints,
+            order,
+        } = self.shape;
         for joint in 0..joints {
             (self.q[joint].re, self.dq[joint].re) = signals(joint);
         }
         let mut g = [Number::from_re(0.0); MAX_ORDER + 1];
-        let order = self.plant.equations()[self.equation].order;
-        let (q, dq, theta) = (&self.q[..joints], &self.dq[..joints], &self.theta[..params]);
-        self.plant.terms(self.equation, q, dq, theta, &mut g[..=order]);
+        let (q, dq, theta) = (&self.q[..joints], &self.dq[..joints], &self.theta[..self.params]);
+        Number::terms(self.plant, equation, q, dq, theta, &mut g[..=order]);
         [g.map(|g| g.eps1), g.map(|g| g.eps2)]
     }
 }

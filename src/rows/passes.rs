@@ -11,7 +11,7 @@
 //! many b. A b that is alone in no sum is a second derivative at θ = 0, from hyper-dual numbers.
 
 use super::theta_polynomial::{MAX_ORDER, Monomial};
-use crate::model::{MAX_JOINTS, Plant, Scalar};
+use crate::model::{AnyPlant, MAX_JOINTS, Number};
 use num_dual::{Dual64, HyperDual64};
 use std::ops::Range;
 
@@ -19,8 +19,8 @@ use std::ops::Range;
 pub(super) type Terms<D = f64> = [D; MAX_ORDER + 1];
 
 /// Terms of an equation at q, q̇ and θ, for any type of number.
-pub(super) fn terms<D: Scalar>(
-    plant: &impl Plant,
+pub(super) fn terms<D: Number>(
+    plant: &dyn AnyPlant,
     equation: usize,
     q: &[f64; MAX_JOINTS],
     dq: &[f64; MAX_JOINTS],
@@ -28,7 +28,8 @@ pub(super) fn terms<D: Scalar>(
 ) -> Terms<D> {
     let mut terms = [D::from(0.0); MAX_ORDER + 1];
     let signals = |joint: usize, _: usize| (q[joint], dq[joint]);
-    each(plant, equation, theta, 0..1, &signals, |_, g| terms = *g);
+    let shape = Shape::of(plant, equation);
+    each(plant, shape, theta, 0..1, &signals, |_, g| terms = *g);
     terms
 }
 
@@ -55,7 +56,7 @@ fn derivative(g: &HyperDual64, monomial: Monomial) -> f64 {
 
 /// The coefficient function of a monomial, all d.
 pub(super) fn coefficient(
-    plant: &impl Plant,
+    plant: &dyn AnyPlant,
     equation: usize,
     monomial: Monomial,
     q: &[f64; MAX_JOINTS],
@@ -155,21 +156,35 @@ enum Evaluation {
     },
 }
 
+/// An equation, the number of joints of its plant, and the highest derivative of its terms.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Shape {
+    pub equation: usize,
+    pub joints: usize,
+    pub order: usize,
+}
+
+impl Shape {
+    /// Of an equation of a plant.
+    pub fn of(plant: &dyn AnyPlant, equation: usize) -> Self {
+        Self {
+            equation,
+            joints: plant.joints(),
+            order: plant.equations()[equation].order,
+        }
+    }
+}
+
 /// One evaluation of an equation.
 #[derive(Debug, Clone)]
 pub(super) struct Pass {
-    equation: usize,
+    shape: Shape,
     evaluation: Evaluation,
 }
 
 /// The evaluations of an equation that give the wanted b. `present` are all of its b that are not
 /// zero, `params` is the number of the plant's parameters.
-pub(super) fn plan(
-    equation: usize,
-    params: usize,
-    present: &[(Monomial, usize)],
-    mut wanted: Vec<Wanted>,
-) -> Vec<Pass> {
+pub(super) fn plan(shape: Shape, params: usize, present: &[(Monomial, usize)], mut wanted: Vec<Wanted>) -> Vec<Pass> {
     let mut passes = Vec::new();
     while let Some(&first) = wanted.first() {
         let best = best_point(&wanted, present);
@@ -205,7 +220,7 @@ pub(super) fn plan(
                 slopes,
             },
         };
-        passes.push(Pass { equation, evaluation });
+        passes.push(Pass { shape, evaluation });
     }
     passes
 }
@@ -246,17 +261,17 @@ impl Pass {
     #[inline]
     pub fn evaluate(
         &self,
-        plant: &impl Plant,
+        plant: &dyn AnyPlant,
         samples: Range<usize>,
         signals: &impl Fn(usize, usize) -> (f64, f64),
         put: &mut impl FnMut(usize, usize, f64),
     ) {
-        let e = self.equation;
+        let shape = self.shape;
         match &self.evaluation {
-            Evaluation::Values { theta, values } => each(plant, e, theta, samples, signals, |at, g| {
+            Evaluation::Values { theta, values } => each(plant, shape, theta, samples, signals, |at, g| {
                 values.iter().for_each(|&(d, feature)| put(feature, at, g[d]));
             }),
-            Evaluation::Slopes { theta, values, slopes } => each(plant, e, theta, samples, signals, |at, g| {
+            Evaluation::Slopes { theta, values, slopes } => each(plant, shape, theta, samples, signals, |at, g| {
                 values.iter().for_each(|&(d, feature)| put(feature, at, g[d].re));
                 slopes.iter().for_each(|&(d, feature)| put(feature, at, g[d].eps));
             }),
@@ -264,7 +279,7 @@ impl Pass {
                 theta,
                 monomial,
                 seconds,
-            } => each(plant, e, theta, samples, signals, |at, g| {
+            } => each(plant, shape, theta, samples, signals, |at, g| {
                 for &(d, feature) in seconds {
                     put(feature, at, derivative(&g[d], *monomial));
                 }
@@ -275,15 +290,19 @@ impl Pass {
 
 /// Terms of an equation at several samples and a θ of any type of number.
 #[inline]
-fn each<D: Scalar>(
-    plant: &impl Plant,
-    equation: usize,
+fn each<D: Number>(
+    plant: &dyn AnyPlant,
+    shape: Shape,
     theta: &[D],
     samples: Range<usize>,
     signals: &impl Fn(usize, usize) -> (f64, f64),
     mut take: impl FnMut(usize, &Terms<D>),
 ) {
-    let (joints, order) = (plant.joints(), plant.equations()[equation].order);
+    let Shape {
+        equation,
+        joints,
+        order,
+    } = shape;
     let zero = D::from(0.0);
     let (mut q, mut dq) = ([zero; MAX_JOINTS], [zero; MAX_JOINTS]);
     let mut g = [zero; MAX_ORDER + 1];
@@ -292,7 +311,7 @@ fn each<D: Scalar>(
             let (position, velocity) = signals(joint, at);
             (q[joint], dq[joint]) = (D::from(position), D::from(velocity));
         }
-        plant.terms(equation, &q[..joints], &dq[..joints], theta, &mut g[..=order]);
+        D::terms(plant, equation, &q[..joints], &dq[..joints], theta, &mut g[..=order]);
         take(at, &g);
     }
 }
@@ -300,6 +319,12 @@ fn each<D: Scalar>(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    const SHAPE: Shape = Shape {
+        equation: 0,
+        joints: 2,
+        order: 2,
+    };
 
     fn wanted(list: &[(Monomial, usize)]) -> Vec<Wanted> {
         let each = list.iter().enumerate();
@@ -331,7 +356,7 @@ mod tests {
             (Monomial::Linear(0), 2),
         ];
         let present = [&features[..], &velocities[..]].concat();
-        assert_eq!(kinds(&plan(0, 9, &present, wanted(&features))), [("values", 2)]);
+        assert_eq!(kinds(&plan(SHAPE, 9, &present, wanted(&features))), [("values", 2)]);
     }
 
     #[test]
@@ -349,7 +374,7 @@ mod tests {
             (Monomial::Product(5, 8), 2),
         ];
         let present = [&features[..], &velocities[..]].concat();
-        let passes = plan(0, 9, &present, wanted(&features));
+        let passes = plan(SHAPE, 9, &present, wanted(&features));
         let given: usize = kinds(&passes).iter().map(|(_, count)| count).sum();
         assert_eq!((passes.len(), given), (2, 4));
         assert!(kinds(&passes).iter().all(|(kind, _)| *kind == "slopes"));
@@ -365,7 +390,7 @@ mod tests {
             (Monomial::Product(0, 1), 0),
             (Monomial::Product(0, 0), 0),
         ];
-        let passes = plan(0, 2, &all, wanted(&all));
+        let passes = plan(SHAPE, 2, &all, wanted(&all));
         let seconds = kinds(&passes).iter().filter(|(kind, _)| *kind == "second").count();
         let given: usize = kinds(&passes).iter().map(|(_, count)| count).sum();
         assert_eq!((seconds, given), (2, 5));

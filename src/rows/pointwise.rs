@@ -7,10 +7,10 @@ use super::SampleBlock;
 use super::separation::Separation;
 use super::standstill::SlowSamples;
 use crate::estimator::{ParameterPrior, Residuals, Structure};
-use crate::model::{JointSample, MAX_JOINTS, PdController, Plant, PointwiseModel};
+use crate::model::{AnyPlant, JointSample, MAX_JOINTS, PdController, PointwiseModel};
 
 /// Which parameters each equation of a plant depends on, for the estimator.
-pub fn structure(plant: &impl Plant) -> Structure {
+pub fn structure(plant: &dyn AnyPlant) -> Structure {
     Structure {
         params: plant.parameters().len(),
         equations: plant
@@ -22,7 +22,7 @@ pub fn structure(plant: &impl Plant) -> Structure {
 }
 
 /// Start values and bounds of a plant's parameters, for the estimator.
-pub fn priors(plant: &impl Plant) -> impl Iterator<Item = ParameterPrior> {
+pub fn priors(plant: &dyn AnyPlant) -> impl Iterator<Item = ParameterPrior> {
     let parameters = plant.parameters().iter();
     parameters.map(|p| ParameterPrior::new(p.start).within(p.lower, p.upper))
 }
@@ -87,7 +87,7 @@ impl<M: PointwiseModel> PointwiseBlock<M> {
     /// [`Equation::needing_motion`](crate::model::Equation::needing_motion). The velocity must be
     /// measured.
     #[must_use]
-    pub fn leaving_out_standstill(mut self, plant: &impl Plant) -> Self {
+    pub fn leaving_out_standstill(mut self, plant: &dyn AnyPlant) -> Self {
         self.slow = SlowSamples::new(plant, self.capacity);
         self
     }
@@ -95,7 +95,7 @@ impl<M: PointwiseModel> PointwiseBlock<M> {
     /// Tells the estimator which parameters of the plant occur only in products; see
     /// [`Residuals::products`]. Otherwise the estimator takes the rows as the paper does.
     #[must_use]
-    pub fn knowing_products(mut self, plant: &impl Plant) -> Self {
+    pub fn knowing_products(mut self, plant: &dyn AnyPlant) -> Self {
         self.products = Separation::new(plant).products;
         self
     }

@@ -1,17 +1,17 @@
 //! Finds by evaluation which terms a plant's equations have: friction with a jump, a constant, a
 //! spring, an inertia.
 
-use crate::model::{MAX_JOINTS, Plant};
+use crate::model::{AnyPlant, MAX_JOINTS, Number};
 
 /// Parameters that are all different from 0.
-fn some_theta(plant: &impl Plant) -> Vec<f64> {
+fn some_theta(plant: &dyn AnyPlant) -> Vec<f64> {
     let start = plant.parameters().iter().map(|p| p.start);
     start.map(|start| if start != 0.0 { start } else { 1.0 }).collect()
 }
 
 /// True if an equation jumps when a joint begins to move: the model has Coulomb friction or
 /// something similar.
-pub(super) fn has_jump(plant: &impl Plant, equation: usize, joint: usize) -> bool {
+pub(super) fn has_jump(plant: &dyn AnyPlant, equation: usize, joint: usize) -> bool {
     let theta = some_theta(plant);
     let order = plant.equations()[equation].order;
     let step = |speed: f64| {
@@ -20,7 +20,7 @@ pub(super) fn has_jump(plant: &impl Plant, equation: usize, joint: usize) -> boo
             dq[joint] = speed;
             let mut g = [0.0; 8];
             let joints = plant.joints();
-            plant.terms::<f64>(equation, &q[..joints], &dq[..joints], &theta, &mut g[..=order]);
+            f64::terms(plant, equation, &q[..joints], &dq[..joints], &theta, &mut g[..=order]);
             g[0]
         };
         (side(speed) - side(-speed)).abs()
@@ -31,7 +31,7 @@ pub(super) fn has_jump(plant: &impl Plant, equation: usize, joint: usize) -> boo
 
 /// True if a parameter of an equation is the factor of this function of the positions and
 /// velocities: ∂g_d/∂θ_k is proportional to it for any motion, and ∂g_r/∂θ_k = 0 for r ≠ d.
-pub(super) fn has_term(plant: &impl Plant, equation: usize, d: usize, shape: impl Fn(&[f64], &[f64]) -> f64) -> bool {
+pub(super) fn has_term(plant: &dyn AnyPlant, equation: usize, d: usize, shape: impl Fn(&[f64], &[f64]) -> f64) -> bool {
     let start = some_theta(plant);
     let order = plant.equations()[equation].order;
     let joints = plant.joints();
@@ -39,7 +39,8 @@ pub(super) fn has_term(plant: &impl Plant, equation: usize, d: usize, shape: imp
     let velocities = |state: f64| std::array::from_fn::<f64, MAX_JOINTS, _>(|j| (1.7 * state * (1.0 + j as f64)).cos());
     let terms = |state: f64, theta: &[f64]| {
         let mut g = [0.0; 8];
-        plant.terms::<f64>(
+        f64::terms(
+            plant,
             equation,
             &positions(state)[..joints],
             &velocities(state)[..joints],

@@ -1,6 +1,6 @@
 //! Seeded random states and parameters at which a plant's terms are evaluated when it is set up.
 
-use crate::model::{MAX_JOINTS, Plant};
+use crate::model::{AnyPlant, MAX_JOINTS};
 
 /// Number of points that decide the form of a plant's terms.
 const PROBES: usize = 24;
@@ -44,7 +44,7 @@ pub(super) struct Probe {
 }
 
 /// The points.
-pub(super) fn probes(plant: &impl Plant) -> Vec<Probe> {
+pub(super) fn probes(plant: &dyn AnyPlant) -> Vec<Probe> {
     let mut random = Random::new(0x7468_6574_6162_7573);
     (0..PROBES)
         .map(|_| {

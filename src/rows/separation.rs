@@ -17,10 +17,10 @@
 //! are evaluated again at each θ, which costs more.
 
 use super::partials::{Kind, Partials};
-use super::passes::{Pass, Terms, Wanted, coefficient, plan, terms};
+use super::passes::{Pass, Shape, Terms, Wanted, coefficient, plan, terms};
 use super::probes::{Probe, probes};
 use super::theta_polynomial::{FeatureTerm, Monomial, Polynomial, VelocityTerm};
-use crate::model::{MAX_JOINTS, Plant};
+use crate::model::{AnyPlant, MAX_JOINTS};
 use std::ops::Range;
 
 /// Relative difference that counts as equal: about a hundred rounding units.
@@ -50,7 +50,7 @@ pub(super) struct Separation {
 
 impl Separation {
     /// Separates a plant.
-    pub fn new(plant: &impl Plant) -> Self {
+    pub fn new(plant: &dyn AnyPlant) -> Self {
         let mut separation = Self {
             equations: Vec::new(),
             sensitivities: Vec::new(),
@@ -74,7 +74,7 @@ impl Separation {
     /// that agree at all probes to the last bit are one feature.
     fn polynomial(
         &mut self,
-        plant: &impl Plant,
+        plant: &dyn AnyPlant,
         equation: usize,
         probes: &[Probe],
         seen: &mut Vec<Vec<f64>>,
@@ -164,7 +164,7 @@ impl Separation {
                 }
             }
         }
-        let passes = plan(equation, plant.parameters().len(), &present, wanted);
+        let passes = plan(Shape::of(plant, equation), plant.parameters().len(), &present, wanted);
         self.passes.extend(passes);
         Some(polynomial)
     }
@@ -174,7 +174,7 @@ impl Separation {
     #[inline]
     pub fn extract(
         &self,
-        plant: &impl Plant,
+        plant: &dyn AnyPlant,
         samples: Range<usize>,
         signals: impl Fn(usize, usize) -> (f64, f64),
         mut put: impl FnMut(usize, usize, f64),
@@ -187,7 +187,7 @@ impl Separation {
 
 /// The a_j if the coefficient function is Σ a_j q̇_j with constant a_j, and not zero.
 fn constant_slopes(
-    plant: &impl Plant,
+    plant: &dyn AnyPlant,
     equation: usize,
     monomial: Monomial,
     d: usize,
@@ -224,7 +224,12 @@ fn products(equations: &[Option<Polynomial>]) -> Vec<(usize, usize)> {
     pairs.collect()
 }
 
-fn sensitivity(plant: &impl Plant, equation: usize, polynomial: Option<&Polynomial>, probes: &[Probe]) -> Sensitivity {
+fn sensitivity(
+    plant: &dyn AnyPlant,
+    equation: usize,
+    polynomial: Option<&Polynomial>,
+    probes: &[Probe],
+) -> Sensitivity {
     let order = plant.equations()[equation].order;
     let derivatives = |kind: &Kind| {
         let mut found: Option<Range<usize>> = None;

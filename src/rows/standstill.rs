@@ -44,7 +44,7 @@
 
 use super::noise::SignalNoise;
 use super::whitening::Whitening;
-use crate::model::{MAX_JOINTS, MAX_PARAMS, Plant};
+use crate::model::{AnyPlant, MAX_JOINTS, MAX_PARAMS, Number};
 use std::ops::Range;
 
 /// Share of a window that a rest must last.
@@ -68,7 +68,7 @@ const JUMP: f64 = 0.01;
 
 /// For each equation, the joints (bit j) that must move for it to hold: those that it names, and
 /// those at whose reversal one of its terms jumps.
-pub(super) fn motion_needed<P: Plant>(plant: &P) -> Vec<u32> {
+pub(super) fn motion_needed(plant: &dyn AnyPlant) -> Vec<u32> {
     let named = |e: usize| plant.equations()[e].motion;
     let joints = plant.joints().min(MAX_JOINTS);
     (0..plant.equations().len())
@@ -77,13 +77,13 @@ pub(super) fn motion_needed<P: Plant>(plant: &P) -> Vec<u32> {
 }
 
 /// True if a term of the equation jumps as joint `joint` reverses.
-fn jumps<P: Plant>(plant: &P, equation: usize, joint: usize) -> bool {
+fn jumps(plant: &dyn AnyPlant, equation: usize, joint: usize) -> bool {
     jumps_from(plant, equation, joint, 0)
 }
 
 /// The same for terms differentiated `least` times or more, at one of a few states and parameter
 /// values.
-fn jumps_from<P: Plant>(plant: &P, equation: usize, joint: usize, least: usize) -> bool {
+fn jumps_from(plant: &dyn AnyPlant, equation: usize, joint: usize, least: usize) -> bool {
     let params = plant.parameters().len().min(MAX_PARAMS);
     let joints = plant.joints().min(MAX_JOINTS);
     let terms = plant.equations()[equation].order + 1;
@@ -99,7 +99,8 @@ fn jumps_from<P: Plant>(plant: &P, equation: usize, joint: usize, least: usize) 
             let mut dq: [f64; MAX_JOINTS] = std::array::from_fn(|j| number(20 + j) - 0.4);
             dq[joint] = velocity;
             let mut g = [0.0; 4];
-            plant.terms(
+            f64::terms(
+                plant,
                 equation,
                 &q[..joints],
                 &dq[..joints],
@@ -138,7 +139,7 @@ pub(super) struct Standstill {
 impl Standstill {
     /// For windows with the weights `psi` and blocks of at most `capacity` samples and `rows`
     /// windows.
-    pub fn new<P: Plant>(plant: &P, psi: &[f64], capacity: usize, rows: usize) -> Self {
+    pub fn new(plant: &dyn AnyPlant, psi: &[f64], capacity: usize, rows: usize) -> Self {
         let motion = motion_needed(plant);
         let total: f64 = psi.iter().sum();
         let mut sum = 0.0;
@@ -319,7 +320,7 @@ pub(super) struct SlowSamples {
 
 impl SlowSamples {
     /// For blocks of at most `capacity` samples; `None` if every equation also holds at rest.
-    pub fn new<P: Plant>(plant: &P, capacity: usize) -> Option<Self> {
+    pub fn new(plant: &dyn AnyPlant, capacity: usize) -> Option<Self> {
         let motion = motion_needed(plant);
         motion.iter().any(|mask| *mask != 0).then(|| Self {
             motion,

@@ -51,7 +51,7 @@ use super::trajectory::Trajectory;
 use super::turned::Turned;
 use super::whitening::{Direction, Whitening};
 use crate::estimator::ERRORS_PER_EQUATION;
-use crate::model::{MAX_JOINTS, Plant};
+use crate::model::{AnyPlant, MAX_JOINTS};
 use std::f64::consts::TAU;
 
 /// Number of errors of each equation, and the index of each.
@@ -129,7 +129,7 @@ pub(super) struct SuspectColumns {
 impl SuspectColumns {
     /// Workspace for `rows` rows of samples in buffers of `capacity`.
     pub fn new(
-        plant: &impl Plant,
+        plant: &dyn AnyPlant,
         considered: Considered,
         velocity_weights: &[f64],
         moves: impl Fn(usize, usize) -> bool,
@@ -426,7 +426,7 @@ impl SuspectColumns {
     }
 
     /// Prepares the columns of inertias and viscous friction for the same samples, at θ.
-    pub fn sense_through_drives(&mut self, len: usize, signals: &Trajectory, plant: &impl Plant, theta: &[f64]) {
+    pub fn sense_through_drives(&mut self, len: usize, signals: &Trajectory, plant: &dyn AnyPlant, theta: &[f64]) {
         for own in self.through_drives.iter_mut().flatten() {
             own.sense(plant, theta, &signals.q, len);
         }

@@ -10,7 +10,7 @@
 //! and parameters; a plant whose terms have a fixed time scale has none.
 
 use super::probes::probes;
-use crate::model::Plant;
+use crate::model::{AnyPlant, Number};
 use nalgebra::{DMatrix, DVector};
 
 /// Relative step of the differences, whose error is its square.
@@ -19,7 +19,7 @@ const STEP: f64 = 1e-4;
 const EQUAL: f64 = 1e-5;
 
 /// r of each parameter; `None` if no change of the parameters is equivalent to one of the clock.
-pub(super) fn tempo(plant: &impl Plant) -> Option<Vec<f64>> {
+pub(super) fn tempo(plant: &dyn AnyPlant) -> Option<Vec<f64>> {
     let count = plant.parameters().len();
     let (mut columns, mut sides) = (Vec::new(), Vec::new());
     for probe in probes(plant) {
@@ -28,7 +28,14 @@ pub(super) fn tempo(plant: &impl Plant) -> Option<Vec<f64>> {
                 let dq = probe.dq.map(|dq| dq * scale);
                 let joints = plant.joints();
                 let mut g = [0.0; 8];
-                plant.terms::<f64>(e, &probe.q[..joints], &dq[..joints], theta, &mut g[..=equation.order]);
+                f64::terms(
+                    plant,
+                    e,
+                    &probe.q[..joints],
+                    &dq[..joints],
+                    theta,
+                    &mut g[..=equation.order],
+                );
                 g
             };
             let slope = |more: [f64; 8], less: [f64; 8]| -> [f64; 8] {

@@ -20,7 +20,7 @@
 use super::kernel::{Kernels, dot};
 use super::present_terms::has_term;
 use super::theta_polynomial::MAX_ORDER;
-use crate::model::{MAX_JOINTS, Plant};
+use crate::model::{AnyPlant, MAX_JOINTS, Number};
 
 /// Speed \[rad/s or m/s\] of the central difference for c_d, exact for a term linear in it.
 const STEP: f64 = 1e-3;
@@ -41,7 +41,7 @@ pub(super) struct ThroughDrive {
 impl ThroughDrive {
     /// `None` if the equation has no inertia of its joint, or if the model has parameters that are
     /// nothing but both: the inertia, and the friction without an inductance.
-    pub fn new(plant: &impl Plant, equation: usize) -> Option<Self> {
+    pub fn new(plant: &dyn AnyPlant, equation: usize) -> Option<Self> {
         let form = &plant.equations()[equation];
         let lacks = |d: usize| form.order >= d && !has_term(plant, equation, d, |_, dq| dq[form.input]);
         let (has_inertia, has_friction) = (lacks(1), form.order > 1 || form.order == 1 && lacks(0));
@@ -80,7 +80,7 @@ impl ThroughDrive {
 
     /// (1) at θ and at the middle of a block of `len` samples; `q` holds positions, joint after
     /// joint.
-    pub fn sense(&mut self, plant: &impl Plant, theta: &[f64], q: &[Vec<f64>], len: usize) {
+    pub fn sense(&mut self, plant: &dyn AnyPlant, theta: &[f64], q: &[Vec<f64>], len: usize) {
         let form = &plant.equations()[self.equation];
         let mut place = [0.0; MAX_JOINTS];
         let joints = plant.joints();
@@ -90,7 +90,8 @@ impl ThroughDrive {
         let terms = |speed: f64| {
             let (mut dq, mut g) = ([0.0; MAX_JOINTS], [0.0; MAX_ORDER + 1]);
             dq[self.joint] = speed;
-            plant.terms::<f64>(
+            f64::terms(
+                plant,
                 self.equation,
                 &place[..joints],
                 &dq[..joints],

@@ -31,13 +31,17 @@ struct Last {
 }
 
 /// Samples through the rows and the estimator of a configuration.
-fn identify<P: Plant + Clone>(config: &Config, plant: P, samples: impl Iterator<Item = (u64, JointSample)>) -> Last {
+fn identify<P: Plant + Clone + Send + Sync + 'static>(
+    config: &Config,
+    plant: P,
+    samples: impl Iterator<Item = (u64, JointSample)>,
+) -> Last {
     let RowForm::Projected(rows) = config.identifier.rows else {
         panic!("projected rows are what these tests are about");
     };
     let (len, options) = (config.estimator.block_len, config.estimator.options.clone());
     let block = match config.identifier.auto_window {
-        true => AutoWindowBlock::chosen(&plant, rows, len),
+        true => AutoWindowBlock::chosen(plant.clone(), rows, len),
         false => AutoWindowBlock::fixed(plant.clone(), rows, len),
     };
     let mut block = block.unwrap().starting_at(&options.theta_start()).unwrap();

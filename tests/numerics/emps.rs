@@ -55,9 +55,9 @@ fn val_emps_in_one_on_line_pass_gives_the_published_parameters() {
         let deviations = (report.theta[i] - PUBLISHED[i]).abs() / report.theta_std[i];
         assert!(deviations < 3.0, "{}: {deviations:.2} deviations", report_name(i));
     }
-    // The carriage moves one way for seconds: in seven blocks a parameter is known to no better
+    // The carriage moves one way for seconds: in six blocks a parameter is known to no better
     // than 10 %, and it is not called excited.
-    assert_eq!(excited, 13 - 7);
+    assert_eq!(excited, 13 - 6);
 }
 
 fn report_name(i: usize) -> &'static str {

@@ -92,7 +92,12 @@ pub fn estimator_options(plant: &impl Plant, theta_start: Vec<f64>) -> Estimator
     options
 }
 
-fn identify<P: Plant + Clone>(plant: P, sim: &SimOptions, rows: ProjectedOptions, options: EstimatorOptions) -> Run {
+fn identify<P: Plant + Clone + Send + Sync + 'static>(
+    plant: P,
+    sim: &SimOptions,
+    rows: ProjectedOptions,
+    options: EstimatorOptions,
+) -> Run {
     const N: u64 = 1900;
     let mut block = ProjectedBlock::new(plant.clone(), rows, N as usize).unwrap();
     let mut estimator = BlockEstimator::new(structure(&plant), options).unwrap();
@@ -237,7 +242,7 @@ fn ident_a_delay_ignored_configured_and_identified() {
 }
 
 /// The rows of a block of samples, evaluated at θ.
-fn all_rows<P: Plant + Clone>(block: &ProjectedBlock<P>, plant: &P, theta: &[f64]) -> Vec<(f64, Vec<f64>)> {
+fn all_rows<P: Plant>(block: &ProjectedBlock, plant: &P, theta: &[f64]) -> Vec<(f64, Vec<f64>)> {
     let mut rows = Vec::new();
     for (e, equation) in plant.equations().iter().enumerate() {
         for index in 0..block.len() {
@@ -313,7 +318,7 @@ fn prop_rows_do_not_depend_on_where_blocks_are_cut() {
 }
 
 /// Rows and windows at the end of a block, as bits.
-fn bits(block: &ProjectedBlock<Manipulator>, theta: &[f64]) -> Vec<u64> {
+fn bits(block: &ProjectedBlock, theta: &[f64]) -> Vec<u64> {
     let rows = all_rows(block, &Manipulator::default(), theta);
     let ends = (0..2).flat_map(|e| (0..4).filter_map(move |k| block.tail(e, k, theta)));
     let rows = rows.into_iter().flat_map(|(f, phi)| phi.into_iter().chain([f]));
@@ -328,7 +333,7 @@ fn prop_a_block_that_was_reset_gives_the_bits_of_a_new_one_whatever_it_held() {
         noise: SensorNoise::encoder(16, 0.05),
         ..ProjectedOptions::recommended()
     };
-    let feed = |block: &mut ProjectedBlock<Manipulator>, kind: &str, seed: u64| {
+    let feed = |block: &mut ProjectedBlock, kind: &str, seed: u64| {
         let mut sim = scenario(kind, ControllerKind::Sampled, seed, 4.0);
         sim.sensors = SensorOptions::encoder(16, 0.05);
         for (k, sample) in ArmSimulator::new(&sim).unwrap().take(1900).enumerate() {
@@ -428,7 +433,7 @@ fn val_terms_that_are_no_polynomials_give_the_same_rows_by_evaluation() {
 
 /// The projected regressors against differences of the projected residual, for whitened rows of any
 /// plant.
-fn assert_projected_regressors<P: Plant + Clone>(plant: &P, block: &ProjectedBlock<P>, theta: &[f64]) {
+fn assert_projected_regressors<P: Plant>(plant: &P, block: &ProjectedBlock, theta: &[f64]) {
     for (e, equation) in plant.equations().iter().enumerate() {
         let count = equation.parameters.len();
         let (mut phi, mut scratch) = (vec![0.0; count], vec![0.0; count]);

@@ -202,7 +202,7 @@ fn rt_projected_and_smoothed_rows_allocate_nothing_either() {
 fn windows_of(swings: &[(u64, f64)]) -> (Vec<f64>, u64) {
     let theta: Vec<f64> = Manipulator::default().parameters().iter().map(|p| p.start).collect();
     let options = ProjectedOptions::recommended();
-    let mut rows = AutoWindowBlock::chosen(&Manipulator::default(), options, 1000).unwrap();
+    let mut rows = AutoWindowBlock::chosen(Manipulator::default(), options, 1000).unwrap();
     let blocks: u64 = swings.iter().map(|(blocks, _)| blocks).sum();
     let mut windows = Vec::with_capacity(blocks as usize);
     let counted = allocation_counter::measure(|| {

@@ -6,25 +6,39 @@ use super::options::{ProjectedError, ProjectedOptions};
 use super::projection::Projection;
 use super::sensor_noise::SensorNoise;
 use crate::estimator::Residuals;
-use crate::model::{JointSample, Plant};
+use crate::model::{AnyPlant, JointSample, Plant, SharedPlant};
 use crate::rows::suspect::Suspect;
 use crate::rows::theta_polynomial::MAX_ORDER;
 use crate::rows::{FirstBlocks, SampleBlock, structure};
+use std::sync::Arc;
 
 /// A block of samples as projected rows, see the head of `mod.rs`.
 #[derive(Debug, Clone)]
-pub struct ProjectedBlock<P: Plant> {
-    rows: Projection<P>,
+pub struct ProjectedBlock {
+    rows: Projection,
     first_fit: FirstFit,
 }
 
-impl<P: Plant + Clone> ProjectedBlock<P> {
+impl ProjectedBlock {
     /// An empty block for up to `block_len` samples. Only this call allocates.
     ///
     /// # Errors
     /// If an option is out of range, or the plant has terms differentiated more than twice or no
     /// parameters.
-    pub fn new(plant: P, options: ProjectedOptions, block_len: usize) -> Result<Self, ProjectedError> {
+    pub fn new(
+        plant: impl Plant + Send + Sync + 'static,
+        options: ProjectedOptions,
+        block_len: usize,
+    ) -> Result<Self, ProjectedError> {
+        Self::shared(Arc::new(plant), options, block_len)
+    }
+
+    /// The same for a plant that other rows have, too.
+    pub(in crate::rows) fn shared(
+        plant: SharedPlant,
+        options: ProjectedOptions,
+        block_len: usize,
+    ) -> Result<Self, ProjectedError> {
         options.validate()?;
         if let Some(equation) = plant.equations().iter().find(|e| e.order >= MAX_ORDER) {
             return Err(ProjectedError::Order {
@@ -33,7 +47,7 @@ impl<P: Plant + Clone> ProjectedBlock<P> {
                 got: equation.order,
             });
         }
-        let first_fit = FirstFit::new(&plant, structure(&plant)).map_err(|_| ProjectedError::Plant)?;
+        let first_fit = FirstFit::new(&*plant, structure(&*plant)).map_err(|_| ProjectedError::Plant)?;
         let block = MeasuredBlock::new(plant, options, block_len)?;
         Ok(Self {
             first_fit: first_fit.with_finder(&block.form.separation.equations),
@@ -54,8 +68,8 @@ impl<P: Plant + Clone> ProjectedBlock<P> {
     }
 
     /// The plant of the rows.
-    pub fn plant(&self) -> &P {
-        &self.rows.block.form.plant
+    pub fn plant(&self) -> &dyn AnyPlant {
+        &*self.rows.block.form.plant
     }
 
     /// The sensors' noise, as configured or as learnt up to the last prepared block.
@@ -84,7 +98,7 @@ impl<P: Plant + Clone> ProjectedBlock<P> {
     }
 }
 
-impl<P: Plant> Residuals for ProjectedBlock<P> {
+impl Residuals for ProjectedBlock {
     fn len(&self) -> usize {
         self.rows.len()
     }
@@ -151,7 +165,7 @@ impl<P: Plant> Residuals for ProjectedBlock<P> {
     }
 }
 
-impl<P: Plant> SampleBlock for ProjectedBlock<P> {
+impl SampleBlock for ProjectedBlock {
     fn push(&mut self, t_ns: u64, sample: &JointSample) -> bool {
         self.rows.block.push(t_ns, sample)
     }

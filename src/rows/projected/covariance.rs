@@ -12,7 +12,6 @@ use super::input_jumps::within;
 use super::measured::MeasuredBlock;
 use super::sample_noise::EXACT;
 use super::windows::Window;
-use crate::model::Plant;
 use crate::rows::error_weights::{ErrorWeights, linear_in_velocity, nonlinear};
 use crate::rows::kernel::dot;
 use crate::rows::partials::{Kind, LANES, Partials};
@@ -47,7 +46,7 @@ pub(super) struct RowCovariance {
 
 impl RowCovariance {
     /// Workspace for `rows` rows of each equation of a block.
-    pub fn new<P: Plant>(block: &MeasuredBlock<P>, rows: usize) -> Self {
+    pub fn new(block: &MeasuredBlock, rows: usize) -> Self {
         let (form, joints) = (&block.form, block.form.plant.joints());
         let (support, stride) = (form.support(), block.samples.windows.stride);
         let weights = &form.kernels.input[0];
@@ -77,13 +76,7 @@ impl RowCovariance {
     /// c of a row with respect to a joint's positions, times their standard deviations, and the
     /// buffer position of the first of them.
     #[inline]
-    pub fn sensitivity<P: Plant>(
-        &self,
-        block: &MeasuredBlock<P>,
-        equation: usize,
-        row: usize,
-        joint: usize,
-    ) -> (&[f64], usize) {
+    pub fn sensitivity(&self, block: &MeasuredBlock, equation: usize, row: usize, joint: usize) -> (&[f64], usize) {
         let window = &block.samples.windows.all()[row];
         let first = window.centre - block.form.kernels.half - block.form.velocity.half;
         let span = &self.spans[equation][joint];
@@ -92,20 +85,14 @@ impl RowCovariance {
     }
 
     /// Variance of an equation's input within a window.
-    pub fn input_variance<P: Plant>(&self, block: &MeasuredBlock<P>, equation: usize, row: usize) -> f64 {
+    pub fn input_variance(&self, block: &MeasuredBlock, equation: usize, row: usize) -> f64 {
         let input = block.form.input(equation).0;
         block.noise.sensors.input_noise[input].powi(2) + self.rounding[equation][row]
     }
 
     /// Residual of a row that errors of the positions cause, Σ_k c(k) error(k); `errors` are in
     /// standard deviations \[joint\]\[sample\].
-    pub fn residual<P: Plant>(
-        &self,
-        block: &MeasuredBlock<P>,
-        equation: usize,
-        row: usize,
-        errors: &[Vec<f64>],
-    ) -> f64 {
+    pub fn residual(&self, block: &MeasuredBlock, equation: usize, row: usize, errors: &[Vec<f64>]) -> f64 {
         let of_joint = |(joint, errors): (usize, &Vec<f64>)| {
             let (c, first) = self.sensitivity(block, equation, row, joint);
             dot(c, &errors[first..first + c.len()])
@@ -115,9 +102,9 @@ impl RowCovariance {
 
     /// Errors += `factor` Cᵀ R⁻¹ f from the rows of an equation, in standard deviations
     /// \[joint\]\[sample\]; `weighted` is R⁻¹ f.
-    pub fn add_errors<P: Plant>(
+    pub fn add_errors(
         &self,
-        block: &MeasuredBlock<P>,
+        block: &MeasuredBlock,
         equation: usize,
         weighted: &[f64],
         factor: f64,
@@ -134,7 +121,7 @@ impl RowCovariance {
     }
 
     /// Computes R of an equation at θ.
-    pub fn make<P: Plant>(&mut self, block: &MeasuredBlock<P>, e: usize, theta: &[f64], whitening: &mut Whitening) {
+    pub fn make(&mut self, block: &MeasuredBlock, e: usize, theta: &[f64], whitening: &mut Whitening) {
         self.differentiate(block, e, theta);
         error_weights(block, e).write_linear(theta, &mut self.linear);
         whitening.begin(block.samples.windows.len());
@@ -154,7 +141,7 @@ impl RowCovariance {
 
     /// ∂g/∂q and ∂g/∂q̇ of an equation's nonlinear part at every sample of a window: differentiated
     /// at some, and interpolated linearly between these, because c serves only as weights.
-    fn differentiate<P: Plant>(&mut self, block: &MeasuredBlock<P>, e: usize, theta: &[f64]) {
+    fn differentiate(&mut self, block: &MeasuredBlock, e: usize, theta: &[f64]) {
         let (form, signals) = (&block.form, &block.samples.signals);
         let (polynomial, sensitivity) = (form.separation.equations[e].as_ref(), &form.separation.sensitivities[e]);
         let covered = block.samples.windows.covered();
@@ -168,7 +155,7 @@ impl RowCovariance {
             for (linear, &kind) in linear.iter_mut().zip(kinds) {
                 *linear = linear_in_velocity(polynomial, kind, theta);
             }
-            let mut partials = Partials::new(&form.plant, e, theta, kinds);
+            let mut partials = Partials::new(&*form.plant, e, theta, kinds);
             let last = covered.clone().next_back();
             let mut before = covered.start;
             for at in covered.clone().step_by(step).chain(last) {
@@ -185,7 +172,7 @@ impl RowCovariance {
     }
 
     /// c of row i, times the standard deviation of each position.
-    fn weigh_positions<P: Plant>(&mut self, block: &MeasuredBlock<P>, e: usize, i: usize) {
+    fn weigh_positions(&mut self, block: &MeasuredBlock, e: usize, i: usize) {
         let form = &block.form;
         let window = &block.samples.windows.all()[i];
         let (c, all) = (&mut self.sensitivity[e][i], &self.slopes);
@@ -202,9 +189,9 @@ impl RowCovariance {
 
     /// R of two rows, the later one first, which has these `odd` inputs; `rounding` is the rounding
     /// variance of their inputs.
-    fn covariance<P: Plant>(
+    fn covariance(
         &self,
-        block: &MeasuredBlock<P>,
+        block: &MeasuredBlock,
         e: usize,
         (i, j): (usize, usize),
         input: &InputNoise,
@@ -269,7 +256,7 @@ struct InputNoise {
 }
 
 impl InputNoise {
-    fn new<P: Plant>(block: &MeasuredBlock<P>, e: usize) -> Self {
+    fn new(block: &MeasuredBlock, e: usize) -> Self {
         let (number, scale) = block.form.input(e);
         let std = block.noise.input_std(number);
         Self {
@@ -281,7 +268,7 @@ impl InputNoise {
         }
     }
 
-    fn odd_within<'a, P: Plant>(&self, block: &'a MeasuredBlock<P>, window: &Window) -> OddInputs<'a> {
+    fn odd_within<'a>(&self, block: &'a MeasuredBlock, window: &Window) -> OddInputs<'a> {
         let half = block.form.kernels.input_half;
         let (from, len) = (window.centre - half, 2 * half + 1);
         OddInputs {
@@ -315,7 +302,7 @@ fn place(kind: Kind) -> usize {
 }
 
 /// The data for c of an equation.
-fn error_weights<P: Plant>(block: &MeasuredBlock<P>, e: usize) -> ErrorWeights<'_> {
+fn error_weights(block: &MeasuredBlock, e: usize) -> ErrorWeights<'_> {
     let form = &block.form;
     ErrorWeights {
         kernels: &form.kernels,
@@ -326,7 +313,7 @@ fn error_weights<P: Plant>(block: &MeasuredBlock<P>, e: usize) -> ErrorWeights<'
 }
 
 /// Variance of an equation's input; exact signals are only exact to within rounding and quadrature.
-fn input_variance<P: Plant>(block: &MeasuredBlock<P>, e: usize) -> f64 {
+fn input_variance(block: &MeasuredBlock, e: usize) -> f64 {
     let (input, len) = (block.form.input(e).0, block.samples.len);
     let u = &block.samples.signals.u[input][..len];
     let mean_square = dot(u, u) / len.max(1) as f64;
@@ -335,7 +322,7 @@ fn input_variance<P: Plant>(block: &MeasuredBlock<P>, e: usize) -> f64 {
 
 /// Variance of the rounding of an equation's input to counts over a window, 0 without rounding:
 /// white if the input crosses counts, and correlated if it creeps, as for positions.
-fn input_rounding<P: Plant>(block: &MeasuredBlock<P>, e: usize, row: usize) -> f64 {
+fn input_rounding(block: &MeasuredBlock, e: usize, row: usize) -> f64 {
     let (input, half) = (block.form.input(e).0, block.form.kernels.input_half);
     let count = block.noise.sensors.input_resolution[input];
     if !(count > 0.0) {

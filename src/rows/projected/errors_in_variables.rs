@@ -11,7 +11,6 @@ use super::covariance::RowCovariance;
 use super::measured::MeasuredBlock;
 use super::reversals;
 use super::samples::Samples;
-use crate::model::Plant;
 use crate::rows::standstill::Standstill;
 use crate::rows::trajectory::Trajectory;
 use crate::rows::whitening::Whitening;
@@ -31,7 +30,7 @@ pub(super) struct SmoothedSignals {
 
 impl SmoothedSignals {
     /// Workspace for a block and `rows` rows of each equation.
-    pub fn new<P: Plant>(block: &MeasuredBlock<P>, rows: usize) -> Self {
+    pub fn new(block: &MeasuredBlock, rows: usize) -> Self {
         let (features, capacity) = (block.form.separation.features, block.samples.capacity());
         Self {
             signals: Trajectory::new(block.form.plant.joints(), features, capacity),
@@ -66,9 +65,9 @@ impl SmoothedSignals {
 
     /// Errors −n̂/σ_q += σ_q Σ_i c_i (R⁻¹ f)_i from the rows of one equation, whose residuals are
     /// whitened forwards; for the input û directly.
-    pub fn subtract<P: Plant>(
+    pub fn subtract(
         &mut self,
-        block: &MeasuredBlock<P>,
+        block: &MeasuredBlock,
         covariance: &RowCovariance,
         whitening: &Whitening,
         e: usize,
@@ -91,7 +90,7 @@ impl SmoothedSignals {
 
     /// Limits the estimated errors, subtracts them from the positions, and computes velocities and
     /// features of the result.
-    pub fn finish<P: Plant>(&mut self, block: &MeasuredBlock<P>, standstill: &Standstill) {
+    pub fn finish(&mut self, block: &MeasuredBlock, standstill: &Standstill) {
         let (covered, len) = (block.samples.windows.covered(), block.samples.len);
         if covered.is_empty() {
             return;

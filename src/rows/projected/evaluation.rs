@@ -8,7 +8,7 @@
 //! these are computed again at each θ.
 
 use super::measured::MeasuredBlock;
-use crate::model::{MAX_JOINTS, MAX_PARAMS, Plant};
+use crate::model::{MAX_JOINTS, MAX_PARAMS, Number};
 use crate::rows::kernel::dot;
 use crate::rows::theta_polynomial::MAX_ORDER;
 use crate::rows::trajectory::Trajectory;
@@ -16,8 +16,8 @@ use crate::rows::whitening::{Direction, Whitening};
 use num_dual::Dual64;
 
 /// The data of the rows.
-pub(super) struct Source<'a, P> {
-    pub block: &'a MeasuredBlock<P>,
+pub(super) struct Source<'a> {
+    pub block: &'a MeasuredBlock,
     /// The block's signals, measured or smoothed.
     pub signals: &'a Trajectory,
 }
@@ -35,7 +35,7 @@ pub(super) struct Evaluation {
 
 impl Evaluation {
     /// Workspace for `rows` rows of each equation that is not a polynomial.
-    pub fn new<P: Plant>(block: &MeasuredBlock<P>, rows: usize) -> Self {
+    pub fn new(block: &MeasuredBlock, rows: usize) -> Self {
         let form = &block.form;
         let columns_of = |e: usize| match form.separation.equations[e] {
             None => form.own(e) + 1,
@@ -59,9 +59,9 @@ impl Evaluation {
     }
 
     /// Column of an equation at θ \[row\], of z₀ and the z_p in turn.
-    pub fn columns<P: Plant>(
+    pub fn columns(
         &mut self,
-        source: &Source<'_, P>,
+        source: &Source<'_>,
         whitening: &[Whitening],
         direction: Direction,
         equation: usize,
@@ -81,8 +81,8 @@ impl Evaluation {
     }
 
     /// Terms of an equation and their derivatives in θ at every sample of a window.
-    fn evaluate<P: Plant>(&mut self, source: &Source<'_, P>, e: usize) {
-        let (plant, signals) = (&source.block.form.plant, source.signals);
+    fn evaluate(&mut self, source: &Source<'_>, e: usize) {
+        let (plant, signals) = (&*source.block.form.plant, source.signals);
         let form = &plant.equations()[e];
         let (terms, joints) = (form.order + 1, signals.joints());
         let params = self.theta.len();
@@ -99,7 +99,7 @@ impl Evaluation {
             for (slot, parameter) in form.parameters.clone().enumerate() {
                 theta[parameter].eps = 1.0;
                 let mut g = [Dual64::from_re(0.0); MAX_ORDER + 1];
-                plant.terms(e, &q[..joints], &dq[..joints], &theta[..params], &mut g[..terms]);
+                Dual64::terms(plant, e, &q[..joints], &dq[..joints], &theta[..params], &mut g[..terms]);
                 theta[parameter].eps = 0.0;
                 for d in 0..terms {
                     self.samples[d][at] = g[d].re;
@@ -110,7 +110,7 @@ impl Evaluation {
     }
 
     /// Projects and whitens the evaluated terms.
-    fn project<P: Plant>(&mut self, source: &Source<'_, P>, e: usize, whitening: &Whitening) {
+    fn project(&mut self, source: &Source<'_>, e: usize, whitening: &Whitening) {
         let (form, windows) = (&source.block.form, source.block.samples.windows.all());
         let (kernels, terms) = (&form.kernels, form.plant.equations()[e].order + 1);
         for column in 0..=form.own(e) {

@@ -23,7 +23,7 @@ use super::projection::Projection;
 use crate::estimator::{
     BlockEstimator, EstimatorError, EstimatorOptions, EstimatorState, ParameterPrior, Structure, starts,
 };
-use crate::model::Plant;
+use crate::model::AnyPlant;
 use crate::rows::pointwise::priors;
 use crate::rows::start::StartFinder;
 use crate::rows::theta_polynomial::Polynomial;
@@ -61,7 +61,7 @@ impl FirstFit {
     ///
     /// # Errors
     /// If start values, bounds and structure do not fit together.
-    pub fn new(plant: &impl Plant, structure: Structure) -> Result<Self, EstimatorError> {
+    pub fn new(plant: &dyn AnyPlant, structure: Structure) -> Result<Self, EstimatorError> {
         let mut options = EstimatorOptions::recommended(priors(plant), plant.equations().len());
         options.change_detection = None;
         let mut estimator = BlockEstimator::new(structure, options)?;
@@ -120,7 +120,7 @@ impl FirstFit {
 
     /// Weights and smooths the rows of a block: with its own fit for the first blocks, and with θ̂
     /// before the block from then on.
-    pub fn weigh<P: Plant>(&mut self, rows: &mut Projection<P>, theta: &[f64]) {
+    pub fn weigh(&mut self, rows: &mut Projection, theta: &[f64]) {
         if self.left > 0 {
             self.fit(rows);
         } else {
@@ -131,7 +131,7 @@ impl FirstFit {
     }
 
     /// Fits one of the first blocks for the weights of its rows.
-    fn fit<P: Plant>(&mut self, rows: &mut Projection<P>) {
+    fn fit(&mut self, rows: &mut Projection) {
         self.begins = self.left == FIRST_BLOCKS;
         self.left -= 1;
         // what an earlier θ lets expect of the noise may be far off
@@ -190,7 +190,7 @@ impl FirstFit {
     }
 
     /// Computes R and the smoothed positions at the fit.
-    fn weigh_and_smooth<P: Plant>(&mut self, rows: &mut Projection<P>) {
+    fn weigh_and_smooth(&mut self, rows: &mut Projection) {
         self.settled.copy_from_slice(self.estimator.theta());
         rows.weigh(&self.settled);
         self.smooth(rows);
@@ -198,7 +198,7 @@ impl FirstFit {
 
     /// Also fits the first block from the start that its rows give, and continues with the better
     /// of the two.
-    fn try_other_start<P: Plant>(&mut self, rows: &Projection<P>) {
+    fn try_other_start(&mut self, rows: &Projection) {
         let Some(finder) = &mut self.finder else { return };
         let estimator = &mut self.estimator;
         let configured = rows.mean_square(estimator.theta());
@@ -217,7 +217,7 @@ impl FirstFit {
 
     /// Smooths with the residuals at the fit; keeps the measured positions if these contain more
     /// than noise.
-    fn smooth<P: Plant>(&self, rows: &mut Projection<P>) {
+    fn smooth(&self, rows: &mut Projection) {
         let theta = self.estimator.theta();
         if rows.mean_square(theta) < FAR {
             rows.smooth(theta);
@@ -232,7 +232,7 @@ impl FirstFit {
     ///
     /// A parameter that the block does not determine to within 50 % keeps its value: with hardly
     /// any motion its fitted value is arbitrary, and positions smoothed to agree would confirm it.
-    fn smooth_near<P: Plant>(&mut self, rows: &mut Projection<P>, theta: &[f64]) {
+    fn smooth_near(&mut self, rows: &mut Projection, theta: &[f64]) {
         if rows.mean_square(theta) < FAR {
             rows.smooth(theta);
             return;

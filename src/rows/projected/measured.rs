@@ -5,24 +5,24 @@ use super::options::{ProjectedError, ProjectedOptions};
 use super::sample_noise::SampleNoise;
 use super::samples::Samples;
 use super::weak_form::WeakForm;
-use crate::model::{JointSample, Plant};
+use crate::model::{JointSample, SharedPlant};
 use crate::rows::kernel::InputTiming;
 
 /// The block, and the equations in weak form.
 #[derive(Debug, Clone)]
-pub(super) struct MeasuredBlock<P> {
-    pub form: WeakForm<P>,
+pub(super) struct MeasuredBlock {
+    pub form: WeakForm,
     pub samples: Samples,
     pub noise: SampleNoise,
     pub jumps: InputJumps,
 }
 
-impl<P: Plant> MeasuredBlock<P> {
+impl MeasuredBlock {
     /// Workspace for a block of `block_len` samples. The options must be valid.
     ///
     /// # Errors
     /// If the velocity filter has too few samples.
-    pub fn new(plant: P, options: ProjectedOptions, block_len: usize) -> Result<Self, ProjectedError> {
+    pub fn new(plant: SharedPlant, options: ProjectedOptions, block_len: usize) -> Result<Self, ProjectedError> {
         let form = WeakForm::new(plant, options)?;
         let samples = Samples::new(&form, block_len);
         let (joints, capacity) = (form.plant.joints(), samples.capacity());

@@ -9,7 +9,7 @@ use super::reversals;
 use super::tail::Tail;
 use super::whitened_rows::WhitenedRows;
 use crate::estimator::Residuals;
-use crate::model::{MAX_PARAMS, Plant};
+use crate::model::MAX_PARAMS;
 use crate::rows::standstill::Standstill;
 use crate::rows::suspect::Considered;
 use crate::rows::suspect_columns::SuspectColumns;
@@ -17,8 +17,8 @@ use crate::rows::whitening::Direction;
 
 /// Rows of a block at any θ, with weights computed at one θ.
 #[derive(Debug, Clone)]
-pub(super) struct Projection<P> {
-    pub block: MeasuredBlock<P>,
+pub(super) struct Projection {
+    pub block: MeasuredBlock,
     pub suspects: SuspectColumns,
     standstill: Standstill,
     covariance: RowCovariance,
@@ -30,9 +30,9 @@ pub(super) struct Projection<P> {
     theta: Vec<f64>,
 }
 
-impl<P: Plant> Projection<P> {
+impl Projection {
     /// Rows for a block.
-    pub fn new(block: MeasuredBlock<P>) -> Self {
+    pub fn new(block: MeasuredBlock) -> Self {
         let (form, capacity) = (&block.form, block.samples.capacity());
         let considered = form.options.considered;
         let input_delay_s = considered.input_delay_std_s(form.options.sample_period_s);
@@ -40,7 +40,7 @@ impl<P: Plant> Projection<P> {
         let covariance = RowCovariance::new(&block, rows);
         Self {
             suspects: SuspectColumns::new(
-                &form.plant,
+                &*form.plant,
                 Considered {
                     input_delay_s: Some(input_delay_s),
                     ..considered
@@ -51,7 +51,7 @@ impl<P: Plant> Projection<P> {
                 rows,
                 capacity,
             ),
-            standstill: Standstill::new(&form.plant, &form.kernels.position[0], capacity, rows),
+            standstill: Standstill::new(&*form.plant, &form.kernels.position[0], capacity, rows),
             rows: WhitenedRows::new(&block, rows, covariance.bandwidth()),
             smoothed: SmoothedSignals::new(&block, rows),
             regressor_noise: RegressorNoise::new(&block, rows),
@@ -194,7 +194,7 @@ impl<P: Plant> Projection<P> {
         self.suspects
             .sense(block.samples.len, signals, &block.noise.q_std, noise);
         self.suspects
-            .sense_through_drives(block.samples.len, signals, &block.form.plant, &self.theta);
+            .sense_through_drives(block.samples.len, signals, &*block.form.plant, &self.theta);
         for e in 0..block.form.equations() {
             let scale = block.form.input(e).1;
             for (row, window) in block.samples.windows.all().iter().enumerate() {
@@ -232,7 +232,7 @@ impl<P: Plant> Projection<P> {
 
     /// The data of the rows.
     #[inline]
-    fn source(&self) -> Source<'_, P> {
+    fn source(&self) -> Source<'_> {
         Source {
             block: &self.block,
             signals: self.smoothed.or(&self.block.samples.signals),
@@ -254,7 +254,7 @@ impl<P: Plant> Projection<P> {
 }
 
 /// The rows without considered errors, which a first fit does not use.
-impl<P: Plant> Residuals for Projection<P> {
+impl Residuals for Projection {
     fn len(&self) -> usize {
         self.block.samples.windows.len()
     }
@@ -302,7 +302,8 @@ impl<P: Plant> Residuals for Projection<P> {
 mod tests {
     use super::super::options::ProjectedOptions;
     use super::*;
-    use crate::model::{Equation, JointSample, Parameter, Scalar};
+    use crate::model::{Equation, JointSample, Parameter, Plant, Scalar};
+    use std::sync::Arc;
 
     const BLOCK: usize = 1000;
     const THETA: [f64; 2] = [2.0, 3.0];
@@ -342,15 +343,15 @@ mod tests {
         }
     }
 
-    fn wheel() -> Projection<Wheel> {
+    fn wheel() -> Projection {
         let plant = Wheel([Equation::new("wheel", 0, 1.0, 1, 0..2)]);
         let options = ProjectedOptions::recommended();
-        Projection::new(MeasuredBlock::new(plant, options, BLOCK).unwrap())
+        Projection::new(MeasuredBlock::new(Arc::new(plant), options, BLOCK).unwrap())
     }
 
     /// The wheel swings through this many rad, seen through 16 bits; true if nothing was drawn for
     /// the block from `first` on.
-    fn skips(wheel: &mut Projection<Wheel>, first: usize, rad: impl Fn(f64) -> f64) -> bool {
+    fn skips(wheel: &mut Projection, first: usize, rad: impl Fn(f64) -> f64) -> bool {
         let count = wheel.block.noise.sensors.position_resolution[0];
         for k in first..first + BLOCK {
             let q = |t: f64| rad(t) * ((5.0 * t).sin() + 0.3 * (17.0 * t).sin());
@@ -393,7 +394,7 @@ mod tests {
     #[test]
     fn prop_noise_in_the_regressors_is_drawn_after_a_gap_and_after_a_reset() {
         let mut wheel = wheel();
-        let skips_from = |wheel: &mut Projection<Wheel>, first: usize| skips(wheel, first, |_| 1.0);
+        let skips_from = |wheel: &mut Projection, first: usize| skips(wheel, first, |_| 1.0);
         assert!(!skips_from(&mut wheel, 0) && skips_from(&mut wheel, BLOCK));
         assert!(!skips_from(&mut wheel, 20 * BLOCK) && skips_from(&mut wheel, 21 * BLOCK));
         wheel.reset();

@@ -22,7 +22,6 @@ use super::measured::MeasuredBlock;
 use super::reversals;
 use super::whitened_rows::WhitenedRows;
 use super::windows::Window;
-use crate::model::Plant;
 use crate::rows::probes::{GOLDEN, mix};
 use crate::rows::standstill::Standstill;
 use crate::rows::trajectory::Trajectory;
@@ -35,8 +34,8 @@ const DRAWS: u64 = 2;
 const BLOCKS: i64 = 12;
 
 /// The rows of a block, and the signals that their regressors are computed from.
-pub(super) struct Rows<'a, P> {
-    pub block: &'a MeasuredBlock<P>,
+pub(super) struct Rows<'a> {
+    pub block: &'a MeasuredBlock,
     pub covariance: &'a RowCovariance,
     pub standstill: &'a Standstill,
     pub signals: &'a Trajectory,
@@ -64,7 +63,7 @@ pub(super) struct RegressorNoise {
 
 impl RegressorNoise {
     /// Workspace for a block and `rows` rows of each equation.
-    pub fn new<P: Plant>(block: &MeasuredBlock<P>, rows: usize) -> Self {
+    pub fn new(block: &MeasuredBlock, rows: usize) -> Self {
         let separation = &block.form.separation;
         let count = |e: usize| separation.equations[e].as_ref().map_or(0, |p| p.monomials.len());
         let counts = (0..block.form.equations()).map(count);
@@ -88,13 +87,13 @@ impl RegressorNoise {
 
     /// True if this block needed no draw.
     #[cfg(test)]
-    pub fn was_skipped<P: Plant>(&self, block: &MeasuredBlock<P>) -> bool {
+    pub fn was_skipped(&self, block: &MeasuredBlock) -> bool {
         let first = block.samples.windows.all().first();
         self.drawn_at.is_some() && self.drawn_at != first.map(|window| window.number)
     }
 
     /// Frees the columns of every equation of noise.
-    pub fn remove<P: Plant>(&mut self, rows: &Rows<'_, P>, whitened: &mut WhitenedRows) {
+    pub fn remove(&mut self, rows: &Rows<'_>, whitened: &mut WhitenedRows) {
         let windows = rows.block.samples.windows.all();
         for (e, calibration) in self.calibrations.iter_mut().enumerate() {
             let ([forward, _], _) = whitened.factors(e);
@@ -128,7 +127,7 @@ impl RegressorNoise {
     }
 
     /// w of each equation and joint (4).
-    fn weigh<P: Plant>(&mut self, block: &MeasuredBlock<P>, whitening: &[Whitening]) {
+    fn weigh(&mut self, block: &MeasuredBlock, whitening: &[Whitening]) {
         let windows = block.samples.windows.all();
         for (weights, whitening) in self.weights.chunks_exact_mut(self.noisy.q.len()).zip(whitening) {
             for (weight, std) in weights.iter_mut().zip(&block.noise.q_std) {
@@ -139,7 +138,7 @@ impl RegressorNoise {
     }
 
     /// True if the last draw shows that the noise is far from mattering in this block, too (4).
-    fn is_negligible<P: Plant>(&self, rows: &Rows<'_, P>) -> bool {
+    fn is_negligible(&self, rows: &Rows<'_>) -> bool {
         let samples = &rows.block.samples;
         let (Some(drawn_at), Some(first)) = (self.drawn_at, samples.windows.all().first()) else {
             return false;
@@ -164,7 +163,7 @@ impl RegressorNoise {
     }
 
     /// Keeps N and w of a block whose noise did not matter, for the blocks to come.
-    fn keep<P: Plant>(&mut self, rows: &Rows<'_, P>) {
+    fn keep(&mut self, rows: &Rows<'_>) {
         self.calibrations.iter_mut().for_each(Calibration::keep);
         self.drawn_weights.copy_from_slice(&self.weights);
         if rows.smoothed && self.expects_little() {
@@ -174,7 +173,7 @@ impl RegressorNoise {
     }
 
     /// Draws the noise, (1) and (2), and computes the signals with it.
-    fn draw<P: Plant>(&mut self, rows: &Rows<'_, P>, whitening: &[Whitening], draw: u64) {
+    fn draw(&mut self, rows: &Rows<'_>, whitening: &[Whitening], draw: u64) {
         let (block, len) = (rows.block, rows.block.samples.len);
         let windows = block.samples.windows.all();
         let Some(first) = windows.first() else { return };
@@ -206,7 +205,7 @@ impl RegressorNoise {
     }
 
     /// Subtracts from the errors what the residuals show of them, (2).
-    fn subtract_estimates<P: Plant>(&mut self, rows: &Rows<'_, P>, whitening: &[Whitening]) {
+    fn subtract_estimates(&mut self, rows: &Rows<'_>, whitening: &[Whitening]) {
         let (block, covariance) = (rows.block, rows.covariance);
         let (windows, kernels) = (block.samples.windows.all(), &block.form.kernels);
         for (e, weighted) in self.weighted.iter_mut().enumerate() {
@@ -231,7 +230,7 @@ impl RegressorNoise {
     }
 
     /// δZ of an equation, whitened (3); `clean` are the whitened columns without the noise.
-    fn project<P: Plant>(&mut self, block: &MeasuredBlock<P>, e: usize, whitening: &mut Whitening, clean: &[Vec<f64>]) {
+    fn project(&mut self, block: &MeasuredBlock, e: usize, whitening: &mut Whitening, clean: &[Vec<f64>]) {
         let windows = block.samples.windows.all();
         let columns = &mut self.columns[..clean.len()];
         block.form.project(e, windows, &self.noisy, columns);

@@ -15,7 +15,7 @@
 //! sharply, t₀ comes from that fit, otherwise from the zero of the filtered velocity.
 
 use super::weak_form::WeakForm;
-use crate::model::{MAX_JOINTS, Plant};
+use crate::model::MAX_JOINTS;
 use crate::rows::standstill::Standstill;
 use crate::rows::trajectory::Trajectory;
 use nalgebra::{SMatrix, SVector};
@@ -32,8 +32,8 @@ const SHARP: f64 = 0.05;
 
 /// Corrects velocities and features at reversals of joints at which terms jump. The velocities of
 /// `samples` are known; `noise` is the standard deviation of a joint's positions.
-pub(super) fn correct<P: Plant>(
-    form: &WeakForm<P>,
+pub(super) fn correct(
+    form: &WeakForm,
     standstill: &Standstill,
     signals: &mut Trajectory,
     noise: impl Fn(usize) -> f64,
@@ -111,7 +111,7 @@ fn locate(q: &[f64], filtered: f64, noise: f64) -> Option<f64> {
 }
 
 /// Writes the features of a sample: those at two velocities of a joint, weighted.
-fn evaluate<P: Plant>(form: &WeakForm<P>, signals: &mut Trajectory, at: usize, joint: usize, parts: [(f64, f64); 2]) {
+fn evaluate(form: &WeakForm, signals: &mut Trajectory, at: usize, joint: usize, parts: [(f64, f64); 2]) {
     let Trajectory { q, dq, features, .. } = signals;
     let mut velocities = [0.0; MAX_JOINTS];
     velocities.iter_mut().zip(dq.iter()).for_each(|(own, dq)| *own = dq[at]);
@@ -120,7 +120,7 @@ fn evaluate<P: Plant>(form: &WeakForm<P>, signals: &mut Trajectory, at: usize, j
         velocities[joint] = velocity;
         let motion = |joint: usize, _: usize| (q[joint][at], velocities[joint]);
         let put = |feature: usize, at: usize, value: f64| features[feature][at] += share * value;
-        form.separation.extract(&form.plant, at..at + 1, motion, put);
+        form.separation.extract(&*form.plant, at..at + 1, motion, put);
     }
 }
 

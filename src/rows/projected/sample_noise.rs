@@ -10,7 +10,6 @@
 use super::samples::Samples;
 use super::sensor_noise::SensorNoise;
 use super::weak_form::WeakForm;
-use crate::model::Plant;
 use crate::rows::kernel::dot;
 use crate::rows::noise::SignalNoise;
 use crate::rows::repair::Kind;
@@ -59,7 +58,7 @@ impl SampleNoise {
     }
 
     /// Learns the noise from a block if so configured, and computes that of each sample.
-    pub fn sense<P: Plant>(&mut self, form: &WeakForm<P>, samples: &Samples) {
+    pub fn sense(&mut self, form: &WeakForm, samples: &Samples) {
         let longest = samples.longest_stretch();
         for joint in 0..samples.signals.joints() {
             if form.options.learn_noise {
@@ -98,7 +97,7 @@ impl SampleNoise {
     }
 
     /// Standard deviation of every position of a joint.
-    fn weigh_positions<P: Plant>(&mut self, joint: usize, form: &WeakForm<P>, samples: &Samples) {
+    fn weigh_positions(&mut self, joint: usize, form: &WeakForm, samples: &Samples) {
         let resolution = self.sensors.position_resolution[joint];
         let white = self.sensors.position_noise[joint].powi(2);
         let std = &mut self.q_std[joint];

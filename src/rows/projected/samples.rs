@@ -3,7 +3,7 @@
 use super::setpoint_steps::SetpointSteps;
 use super::weak_form::WeakForm;
 use super::windows::Windows;
-use crate::model::{JointSample, Plant};
+use crate::model::JointSample;
 use crate::rows::intake::{BRIDGED, GridSample, Intake};
 use crate::rows::repair::Repair;
 use crate::rows::trajectory::Trajectory;
@@ -36,7 +36,7 @@ pub(super) struct Samples {
 
 impl Samples {
     /// Buffers for the samples of a block of `block_len`.
-    pub fn new<P: Plant>(form: &WeakForm<P>, block_len: usize) -> Self {
+    pub fn new(form: &WeakForm, block_len: usize) -> Self {
         let (options, half) = (&form.options, form.kernels.half);
         let stride = options.stride().max(1);
         // a velocity needs its neighbours, a jump the samples before it
@@ -72,7 +72,7 @@ impl Samples {
     }
 
     /// Adds a sample; false if the buffers are full.
-    pub fn push<P: Plant>(&mut self, form: &WeakForm<P>, t_ns: u64, sample: &JointSample) -> bool {
+    pub fn push(&mut self, form: &WeakForm, t_ns: u64, sample: &JointSample) -> bool {
         // one sample may complete this many grid values
         if self.len + BRIDGED + 2 > self.capacity {
             return false;
@@ -92,7 +92,7 @@ impl Samples {
     }
 
     /// Adds a sample on the grid; the buffers must have room for it.
-    fn append<P: Plant>(&mut self, form: &WeakForm<P>, grid: &GridSample) {
+    fn append(&mut self, form: &WeakForm, grid: &GridSample) {
         let at = self.len;
         if grid.first || at == 0 {
             // after a hole, or after a clock that went back
@@ -121,7 +121,7 @@ impl Samples {
 
     /// Repairs single wrong and lost samples, and what was computed from them. `noise` gives the
     /// standard deviations of a joint's position and input, and the size of its encoder's count.
-    pub fn mend<P: Plant>(&mut self, form: &WeakForm<P>, noise: impl Fn(usize) -> ([f64; 2], f64)) {
+    pub fn mend(&mut self, form: &WeakForm, noise: impl Fn(usize) -> ([f64; 2], f64)) {
         for joint in 0..self.signals.joints() {
             let (std, count) = noise(joint);
             let q = &mut self.signals.q[joint][..self.len];

@@ -16,7 +16,6 @@
 use super::measured::MeasuredBlock;
 use super::velocity_filter::ORDER;
 use super::weak_form::{WeakForm, highest_order};
-use crate::model::Plant;
 use crate::rows::end_kernel::EndKernels;
 use crate::rows::error_weights::{linear_in_velocity, nonlinear};
 use crate::rows::kernel::{correlate_odd, dot};
@@ -58,10 +57,10 @@ pub(super) struct Tail {
 
 impl Tail {
     /// The windows at the end, besides the regular ones of a plant.
-    pub fn new<P: Plant>(form: &WeakForm<P>) -> Self {
+    pub fn new(form: &WeakForm) -> Self {
         let (half, velocity_half) = (form.kernels.half, form.velocity.half);
         let (options, separation, joints) = (&form.options, &form.separation, form.plant.joints());
-        let (period_s, order) = (options.sample_period_s, highest_order(&form.plant) + 1);
+        let (period_s, order) = (options.sample_period_s, highest_order(&*form.plant) + 1);
         let kernels: Vec<EndKernels> = [3 * half, 2 * half, half, half / 2]
             .map(|intervals| {
                 let count = intervals.max(SHORTEST) + 1;
@@ -98,7 +97,7 @@ impl Tail {
     }
 
     /// Projects the end of a block; `theta` is that of the weights.
-    pub fn project<P: Plant>(&mut self, end: &MeasuredBlock<P>, theta: &[f64]) {
+    pub fn project(&mut self, end: &MeasuredBlock, theta: &[f64]) {
         self.clear();
         let spare = if end.samples.repair.touched() { UNSURE } else { 0 };
         let late = self.kernels.iter().map(|k| k.after).max().unwrap_or(0);
@@ -120,7 +119,7 @@ impl Tail {
     }
 
     /// Velocities and features of the samples before `stop`.
-    fn sense<P: Plant>(&mut self, end: &MeasuredBlock<P>, stop: usize) {
+    fn sense(&mut self, end: &MeasuredBlock, stop: usize) {
         let first = stop - self.longest;
         let known = self.longest - self.velocity_half;
         for (own, all) in self.dq.iter_mut().zip(&end.samples.signals.dq) {
@@ -139,11 +138,11 @@ impl Tail {
         let motion = |joint: usize, i: usize| (q[joint][first + i], dq[joint][i]);
         let put = |feature: usize, i: usize, value: f64| features[feature][i] = value;
         let (form, last) = (&end.form, known..self.longest);
-        form.separation.extract(&form.plant, last, motion, put);
+        form.separation.extract(&*form.plant, last, motion, put);
     }
 
     /// ∂g/∂q and ∂g/∂q̇ of an equation's nonlinear part at the samples before `stop`.
-    fn differentiate<P: Plant>(&mut self, end: &MeasuredBlock<P>, e: usize, stop: usize, theta: &[f64]) {
+    fn differentiate(&mut self, end: &MeasuredBlock, e: usize, stop: usize, theta: &[f64]) {
         let (first, form) = (stop - self.longest, &end.form);
         let (q, dq) = (&end.samples.signals.q, &self.dq);
         for kinds in form.separation.sensitivities[e].kinds.chunks(LANES) {
@@ -151,7 +150,7 @@ impl Tail {
             for (linear, &kind) in linear.iter_mut().zip(kinds) {
                 *linear = linear_in_velocity(form.separation.equations[e].as_ref(), kind, theta);
             }
-            let mut partials = Partials::new(&form.plant, e, theta, kinds);
+            let mut partials = Partials::new(&*form.plant, e, theta, kinds);
             for i in 0..self.longest {
                 let slopes = partials.at(|joint| (q[joint][first + i], dq[joint][i]));
                 for ((kind, slopes), linear) in kinds.iter().zip(slopes).zip(&linear) {
@@ -162,7 +161,7 @@ impl Tail {
         }
     }
 
-    fn project_window<P: Plant>(&mut self, end: &MeasuredBlock<P>, e: usize, k: usize, stop: usize, theta: &[f64]) {
+    fn project_window(&mut self, end: &MeasuredBlock, e: usize, k: usize, stop: usize, theta: &[f64]) {
         let Some(polynomial) = &end.form.separation.equations[e] else {
             return;
         };
@@ -205,14 +204,7 @@ impl Tail {
     }
 
     /// Σ c² σ_q² of one window, c = −∂f/∂q as in `error_weights.rs`.
-    fn position_variance<P: Plant>(
-        &mut self,
-        end: &MeasuredBlock<P>,
-        e: usize,
-        k: usize,
-        stop: usize,
-        theta: &[f64],
-    ) -> f64 {
+    fn position_variance(&mut self, end: &MeasuredBlock, e: usize, k: usize, stop: usize, theta: &[f64]) -> f64 {
         let (kernels, half, longest) = (&self.kernels[k], self.velocity_half, self.longest);
         let order = end.form.plant.equations()[e].order;
         let support = longest + half;

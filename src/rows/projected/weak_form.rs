@@ -10,7 +10,7 @@
 use super::options::{ProjectedError, ProjectedOptions};
 use super::velocity_filter::VelocityFilter;
 use super::windows::Window;
-use crate::model::Plant;
+use crate::model::{AnyPlant, SharedPlant};
 use crate::rows::kernel::{Kernels, dot};
 use crate::rows::separation::Separation;
 use crate::rows::trajectory::Trajectory;
@@ -18,8 +18,8 @@ use std::ops::Range;
 
 /// The equations, windows and filter of projected rows.
 #[derive(Debug, Clone)]
-pub(super) struct WeakForm<P> {
-    pub plant: P,
+pub(super) struct WeakForm {
+    pub plant: SharedPlant,
     pub options: ProjectedOptions,
     pub separation: Separation,
     pub kernels: Kernels,
@@ -28,12 +28,12 @@ pub(super) struct WeakForm<P> {
     pub delay: Option<usize>,
 }
 
-impl<P: Plant> WeakForm<P> {
+impl WeakForm {
     /// Separates the plant's terms and computes the windows' weights. The options must be valid.
     ///
     /// # Errors
     /// If the velocity filter has too few samples.
-    pub fn new(plant: P, options: ProjectedOptions) -> Result<Self, ProjectedError> {
+    pub fn new(plant: SharedPlant, options: ProjectedOptions) -> Result<Self, ProjectedError> {
         let half_width = options.velocity_half_width;
         let velocity = VelocityFilter::new(half_width, options.sample_period_s).ok_or(ProjectedError::Value {
             field: "velocity_half_width",
@@ -43,12 +43,12 @@ impl<P: Plant> WeakForm<P> {
         let kernels = Kernels::new(
             options.half(),
             options.sample_period_s,
-            highest_order(&plant) + 1,
+            highest_order(&*plant) + 1,
             options.timing,
             options.input_delay_s,
         );
         Ok(Self {
-            separation: Separation::new(&plant),
+            separation: Separation::new(&*plant),
             kernels,
             velocity,
             delay: plant.input_delay(),
@@ -113,7 +113,7 @@ impl<P: Plant> WeakForm<P> {
         }
         let motion = |joint: usize, at: usize| (q[joint][at], dq[joint][at]);
         let put = |feature: usize, at: usize, value: f64| features[feature][at] = value;
-        self.separation.extract(&self.plant, samples, motion, put);
+        self.separation.extract(&*self.plant, samples, motion, put);
     }
 
     /// The factors of an equation's monomials \[monomial\]\[window\]; nothing for an equation that
@@ -141,6 +141,6 @@ impl<P: Plant> WeakForm<P> {
 }
 
 /// Highest derivative of a term.
-pub(super) fn highest_order(plant: &impl Plant) -> usize {
+pub(super) fn highest_order(plant: &dyn AnyPlant) -> usize {
     plant.equations().iter().map(|e| e.order).max().unwrap_or(0)
 }

@@ -11,7 +11,6 @@
 
 use super::evaluation::{Evaluation, Source};
 use super::measured::MeasuredBlock;
-use crate::model::Plant;
 use crate::rows::separation::Separation;
 use crate::rows::theta_polynomial::{Monomial, Polynomial};
 use crate::rows::whitening::{Direction, Whitening};
@@ -42,7 +41,7 @@ pub(super) struct WhitenedRows {
 
 impl WhitenedRows {
     /// Workspace for `rows` rows of each equation that correlate over `bandwidth` neighbours.
-    pub fn new<P: Plant>(block: &MeasuredBlock<P>, rows: usize, bandwidth: usize) -> Self {
+    pub fn new(block: &MeasuredBlock, rows: usize, bandwidth: usize) -> Self {
         let form = &block.form;
         let column = vec![0.0; rows];
         let raw: Vec<Columns> = (0..form.equations())
@@ -68,7 +67,7 @@ impl WhitenedRows {
     }
 
     /// Projects the factors of an equation's monomials from the measured signals.
-    pub fn project<P: Plant>(&mut self, block: &MeasuredBlock<P>, e: usize) {
+    pub fn project(&mut self, block: &MeasuredBlock, e: usize) {
         let (windows, signals) = (block.samples.windows.all(), &block.samples.signals);
         block.form.project(e, windows, signals, &mut self.raw[e].factors);
     }
@@ -93,7 +92,7 @@ impl WhitenedRows {
     }
 
     /// Keeps the measured residuals at θ for [`measured`](Self::measured).
-    pub fn keep_residuals<P: Plant>(&mut self, source: &Source<'_, P>, theta: &[f64]) {
+    pub fn keep_residuals(&mut self, source: &Source<'_>, theta: &[f64]) {
         let rows = source.block.samples.windows.len();
         for e in 0..self.raw.len() {
             for direction in Direction::BOTH {
@@ -111,7 +110,7 @@ impl WhitenedRows {
     }
 
     /// Computes the regressors from other signals; [`keep_at`](Self::keep_at) must follow.
-    pub fn replace_regressors<P: Plant>(&mut self, source: &Source<'_, P>) {
+    pub fn replace_regressors(&mut self, source: &Source<'_>) {
         self.forget();
         let windows = source.block.samples.windows.all();
         let rows = windows.len();
@@ -141,7 +140,7 @@ impl WhitenedRows {
     }
 
     /// Sets Y so that the residuals at θ are the [kept](Self::keep_residuals) ones.
-    pub fn keep_at<P: Plant>(&mut self, source: &Source<'_, P>, theta: &[f64]) {
+    pub fn keep_at(&mut self, source: &Source<'_>, theta: &[f64]) {
         let rows = source.block.samples.windows.len();
         for e in 0..self.raw.len() {
             for direction in Direction::BOTH {
@@ -156,9 +155,9 @@ impl WhitenedRows {
 
     /// Adds the model's part of the rows of an equation at θ, times `sign`: Σ μ z minus the
     /// contribution of a further delay to Y₀.
-    fn add_model<P: Plant>(
+    fn add_model(
         &self,
-        source: &Source<'_, P>,
+        source: &Source<'_>,
         direction: Direction,
         e: usize,
         theta: &[f64],
@@ -193,9 +192,9 @@ impl WhitenedRows {
 
     /// Residual of a row at θ; writes the regressor −∂f/∂θ over the equation's own parameters.
     #[inline]
-    pub fn row<P: Plant>(
+    pub fn row(
         &self,
-        source: &Source<'_, P>,
+        source: &Source<'_>,
         direction: Direction,
         e: usize,
         row: usize,

@@ -542,7 +542,6 @@ impl BlockEstimator {
         self.report.misfit |= self.published.take(&self.theta, &self.groups, &self.options.relations);
         self.report.explained.clear();
         self.report.explained.extend(self.explained.iter().map(|e| e.share));
-        self.report.informed = self.groups.iter().all(|g| g.confirmation.is_informed());
         self.report
             .take_parameters(&self.groups, &self.published, self.since_change, &self.options);
         self.report.take_groups(&self.groups, &self.options);

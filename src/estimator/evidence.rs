@@ -1,7 +1,7 @@
 //! Evidence required before θ̂ as a whole may be used, besides having predicted the last blocks.
 //!
 //! ```text
-//! informed     rows so far inform on more than half of the directions of each group    confirmation.rs
+//! informed     rows so far inform on more than half of the directions of a group       confirmation.rs
 //! explained_e  the share of its signal's power that an equation explains               explained.rs
 //! fits         the whitened residuals are noise, in the whole block and at its end      fit_statistic.rs
 //! at ease      no parameter sits on a bound that the data push it against               here

@@ -105,9 +105,12 @@ pub struct Report {
     pub explained: Vec<f64>,
     /// Bit i: the data push parameter i, or another parameter of its group, against a bound.
     pub pressed: u128,
-    /// True once the data have informed on more than half of the directions of the free parameters,
-    /// in every group of equations.
+    /// True once the data have informed on more than half of the directions of the free parameters
+    /// of some group of equations.
     pub informed: bool,
+    /// Bit e: they have not yet in the group of equation e, whose parameters are not usable and whose
+    /// share is not judged.
+    pub uninformed: u64,
     /// Bit i: parameter i is fixed.
     pub fixed: u128,
     /// Blocks taken so far, this one included.
@@ -166,6 +169,7 @@ impl Report {
             explained: vec![0.0; equations],
             pressed: 0,
             informed: false,
+            uninformed: u64::MAX,
             fixed: 0,
             blocks: 0,
             rows: 0,
@@ -237,6 +241,7 @@ impl Report {
             // no harm
             let fits = group.is_none_or(|g| g.since_misfit > 1);
             let clear = !groups.withholds(i);
+            let informed = group.is_none_or(|g| g.confirmation.is_informed());
             let free = self.pressed >> i & 1 == 0 && !options.parameters[i].fixed;
             // a parameter of no equation keeps its value
             let std = if known {
@@ -248,7 +253,7 @@ impl Report {
             let value = published.theta[i];
             let size = group.map_or(value.abs(), |g| g.sizes.own(i - g.parameters.start, value));
             let small = 3.0 * std < USABLE * size;
-            usable |= u128::from(small && quiet && fits && clear && free) << i;
+            usable |= u128::from(small && informed && quiet && fits && clear && free) << i;
             if let Some(group) = group.filter(|_| !small && quiet && fits && clear && free && self.blocks > SETTLED)
                 && let own = i - group.parameters.start
                 && group.excitation.share(own) > EXCITED
@@ -267,8 +272,11 @@ impl Report {
     /// Fills in the groups' results: excitation, condition and residuals.
     pub(super) fn take_groups(&mut self, groups: &[GroupState], options: &EstimatorOptions) {
         (self.excited, self.rank, self.condition, self.outliers) = (0, 0, 1.0, 0);
+        (self.informed, self.uninformed) = (false, 0);
         self.fixed = options.fixed();
         for group in groups {
+            let informed = group.confirmation.is_informed();
+            self.informed |= informed;
             let start = group.parameters.start;
             for i in 0..group.n {
                 let share = group.excitation.share(i);
@@ -278,6 +286,7 @@ impl Report {
             self.rank += group.excitation.rank;
             self.condition = self.condition.max(group.condition);
             for (e, sums) in group.equations.iter().zip(&group.at) {
+                self.uninformed |= u64::from(!informed) << e.index;
                 let rms = |(sum, rows): (f64, usize)| {
                     if rows > 0 {
                         (sum / rows as f64).sqrt() * e.divisor

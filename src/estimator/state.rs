@@ -226,8 +226,11 @@ impl StateMachine {
             self.changing = false;
         }
         // before θ̂ predicts a block, a model that explains little is still being learnt
-        let explains = report.explained.iter().all(|&share| share >= self.least_explained);
-        // a machine at rest neither confirms nor refutes its model
+        let judged = report.explained.iter().enumerate();
+        let explains = judged
+            .filter(|(e, _)| report.uninformed >> e & 1 == 0)
+            .all(|(_, &share)| share >= self.least_explained);
+        // a machine, or a joint, at rest neither confirms nor refutes its model
         let refuted = self.converged && report.informed && !(explains && report.pressed == 0);
         self.misfit = report.misfit != 0 || refuted || report.fault.is_some() && report.unclear;
         self.informed = report.informed && report.usable != 0;
@@ -256,7 +259,8 @@ mod tests {
             .clone();
         report.theta_std = vec![0.001, 0.001];
         (report.rows, report.rank, report.blocks) = (100, 2, 1);
-        (report.informed, report.explained[0], report.usable) = (true, 1.0, 0b11);
+        (report.informed, report.uninformed) = (true, 0);
+        (report.explained[0], report.usable) = (1.0, 0b11);
         (report.innovation_rms[0], report.noise_std[0], report.signal_rms[0]) = (1.0, 1.0, 100.0);
         report
     }

@@ -142,6 +142,7 @@ fn fill(report: &mut Report, robot: &RobotIdentifier, learnt: bool, changed_befo
     }
     report.rank = rank;
     report.informed = 2 * rank > free && free > 0;
+    report.uninformed = if report.informed { 0 } else { u64::MAX };
 }
 
 fn mark(mask: &mut u128, i: usize) {

@@ -5,7 +5,7 @@
 //! f(θ*)  = n + Σ_s a_s d_s                        the machine has errors a_s, a priori N(0, σ_s²)            (a)
 //! e_m    = A e_{m−1} + K Σ φ (n + Σ_s a_s d_s)    the error of θ̂, see the head of group.rs                   (b)
 //! T_s    ← A T_s + K Σ φ d_s                      so this is the error of θ̂ per unit of a_s                  (c)
-//! P_pub  = P + T M Tᵀ,  M = E[a aᵀ | data]        second moments, from score_test.rs                         (d)
+//! P_pub  = P + T M Tᵀ,  M = E[a aᵀ | data]        second moments, from score_test.rs; considered_covariance.rs (d)
 //! ```
 //!
 //! The errors are constant, so T_s accumulates over the blocks instead of averaging out. If the
@@ -72,11 +72,11 @@ const ROUNDING: f64 = 1e-9;
 /// Sensitivities of a group's estimate, and the sums of a block over its error columns.
 #[derive(Debug, Clone)]
 pub struct Considered {
-    n: usize,
+    pub(super) n: usize,
     /// Number of errors of the last block: those with columns, and the size of all lists, drifts
     /// included.
-    count: usize,
-    known: usize,
+    pub(super) count: usize,
+    pub(super) known: usize,
     /// Indices of the drifts of this group's parameters; empty if none is considered.
     drifts: Range<usize>,
     /// Change of each parameter by a drift of 1/s; 0 for a fixed one.
@@ -87,7 +87,7 @@ pub struct Considered {
     /// evidence was found.
     pub moments: Vec<f64>,
     /// T_s at s n.
-    sensitivity: Vec<f64>,
+    pub(super) sensitivity: Vec<f64>,
     /// Σ w φ d_s at s n, Σ w d_s d_t at s room + t for t ≤ s, Σ w d_s f.
     cross: Vec<f64>,
     gram: Vec<f64>,
@@ -98,13 +98,15 @@ pub struct Considered {
     information: Vec<f64>,
     /// Errors that the parameters imitate: they count only in the sums after a change.
     imitated: Vec<bool>,
+    /// Errors that make the parameters contradict a relation.
+    pub(super) contradicting: Vec<bool>,
     summed: SummedRows,
     // scratch
     columns: Vec<f64>,
     active: Vec<usize>,
     regressor: Vec<f64>,
     doubled: Vec<f64>,
-    vector: Vec<f64>,
+    pub(super) vector: Vec<f64>,
     seen: Vec<f64>,
     images: Vec<f64>,
     matrix: Vec<f64>,
@@ -167,6 +169,7 @@ impl Considered {
             scores: vec![0.0; room],
             information: vec![0.0; room * room],
             imitated: vec![false; room],
+            contradicting: vec![false; room],
             summed: SummedRows::new(n, first),
             columns: vec![0.0; room],
             active: vec![0; room],
@@ -218,6 +221,7 @@ impl Considered {
         };
         for (s, imitated) in self.imitated[..self.known].iter_mut().enumerate() {
             *imitated = rows.is_imitated(s);
+            self.contradicting[s] = rows.contradicts_relations(s);
         }
         self.summed.adopt(|s| s < rows.suspects() && rows.is_slow(s));
         self.clear_scores();
@@ -438,6 +442,11 @@ impl Considered {
         }
     }
 
+    /// Largest number of errors.
+    pub fn room(&self) -> usize {
+        self.scores.len()
+    }
+
     /// Σ w φ d_s at s n, Σ w d_s d_t at s room + t for t ≤ s, and Σ w d_s f of the block.
     pub fn sums(&self) -> (&[f64], &[f64], &[f64]) {
         (&self.cross, &self.gram, &self.score)
@@ -446,53 +455,6 @@ impl Considered {
     /// u and I of the last block, and the evidence of sums of its rows.
     pub fn evidence(&self) -> (&[f64], &[f64], &[SummedScore]) {
         (&self.scores, &self.information, &self.summed.scores)
-    }
-
-    /// The error that widens parameter i most, and the variance that all errors add together.
-    pub fn leading(&self, i: usize) -> Option<(usize, f64)> {
-        let room = self.scores.len();
-        let widening = |s: usize| self.moments[s * room + s] * self.sensitivity[s * self.n + i].powi(2);
-        let leading = (0..self.known).max_by(|&a, &b| widening(a).total_cmp(&widening(b)));
-        leading.map(|s| (s, (0..self.known).map(widening).sum()))
-    }
-
-    /// True if drifts are among the errors.
-    pub fn has_drifts(&self) -> bool {
-        !self.drifts.is_empty()
-    }
-
-    /// Adds T M Tᵀ of (d) over the errors of the rows, without drifts.
-    pub fn widen_by_errors(&mut self, covariance: &mut [f64]) {
-        self.widen_by(self.known, covariance);
-    }
-
-    /// Adds T M Tᵀ of (d).
-    pub fn widen(&mut self, covariance: &mut [f64]) {
-        self.widen_by(self.count, covariance);
-    }
-
-    fn widen_by(&mut self, count: usize, covariance: &mut [f64]) {
-        let (n, room) = (self.n, self.scores.len());
-        for s in 0..count {
-            // (M Tᵀ)_s
-            self.vector.fill(0.0);
-            for (t, moment) in self
-                .sensitivity
-                .chunks_exact(n)
-                .zip(&self.moments[s * room..])
-                .take(count)
-            {
-                if *moment != 0.0 {
-                    self.vector.iter_mut().zip(t).for_each(|(v, t)| *v += moment * t);
-                }
-            }
-            let t = &self.sensitivity[s * n..(s + 1) * n];
-            for i in 0..n {
-                for j in 0..n {
-                    covariance[i * n + j] += t[i] * self.vector[j];
-                }
-            }
-        }
     }
 
     /// The part of Σ c_k² that the errors explain. c = `values` are uncorrelated, of variance 1,

@@ -44,9 +44,8 @@ pub struct GroupState {
     pub errors: ErrorCovariance,
     /// The total, widened by disagreement between blocks and by considered errors, n × n.
     pub honest: Vec<f64>,
-    /// The covariance that may be published, without the widening by drifts, n × n; used to impose
-    /// relations. Empty if no drifts are considered.
-    pub undrifted: Vec<f64>,
+    /// W of `considered_covariance.rs`, n × n, widened as the covariance that may be published.
+    pub weights: Vec<f64>,
     /// Probability of the last block if the plant is unchanged.
     pub probability: f64,
     pub clusters: Clusters,
@@ -106,7 +105,7 @@ impl GroupState {
             information: vec![0.0; n * n],
             errors: ErrorCovariance::new(n),
             honest: vec![0.0; n * n],
-            undrifted: vec![0.0; if options.drift_per_s > 0.0 { n * n } else { 0 }],
+            weights: vec![0.0; n * n],
             probability: 1.0,
             clusters: Clusters::new(n),
             considered: Considered::new(
@@ -430,10 +429,8 @@ impl GroupState {
     pub fn publish(&mut self, theta: &[f64]) {
         self.honest.copy_from_slice(&self.errors.total);
         self.clusters.widen(&mut self.honest);
-        if self.considered.has_drifts() {
-            self.undrifted.copy_from_slice(&self.honest);
-            self.considered.widen_by_errors(&mut self.undrifted);
-        }
+        self.weights.copy_from_slice(&self.honest);
+        self.considered.widen_weights(&mut self.weights);
         self.considered.widen(&mut self.honest);
         for i in 0..self.n {
             self.room.scale[i] = if self.fixed[i] { 0.0 } else { self.size(theta, i) };
@@ -441,7 +438,7 @@ impl GroupState {
         let own = &theta[self.parameters.clone()];
         self.confirmation.publish(own, &self.room.scale, &self.honest);
         let widened = self.confirmation.covariance.iter().zip(&self.honest);
-        for (v, (after, before)) in self.undrifted.iter_mut().zip(widened) {
+        for (v, (after, before)) in self.weights.iter_mut().zip(widened) {
             *v += after - before;
         }
     }

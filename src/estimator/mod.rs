@@ -23,6 +23,7 @@ mod clusters;
 mod conditioning;
 mod confirmation;
 mod considered;
+mod considered_covariance;
 mod constrained;
 mod curvature;
 mod curved_group;
@@ -211,6 +212,11 @@ pub trait Residuals {
     /// True for an error that the parameters imitate, so its column is informative only after a
     /// change.
     fn is_imitated(&self, _suspect: usize) -> bool {
+        false
+    }
+    /// True for an error that makes the parameters contradict a relation between them
+    /// ([`EstimatorOptions::relations`]), though they describe the data.
+    fn contradicts_relations(&self, _suspect: usize) -> bool {
         false
     }
     /// True for an error whose column is the first term of a series, which holds for slow motion

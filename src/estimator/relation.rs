@@ -2,9 +2,9 @@
 //!
 //! ```text
 //! ρ(θ) = θ_i θ_l − θ_j θ_k = 0                     θ_i/θ_j = θ_k/θ_l
-//! θ*   = argmin (θ − θ̂)ᵀ P⁻¹ (θ − θ̂) with ρ(θ) = 0
-//!      : θ ← θ̂ − P a (ρ(θ) + aᵀ(θ̂ − θ)) / (aᵀ P a), a = ∂ρ/∂θ, until it converges
-//! P*   = P − P a aᵀ P / (aᵀ P a)
+//! θ_M  = argmin (θ − θ̂)ᵀ M⁻¹ (θ − θ̂) with ρ(θ) = 0
+//!      : θ ← θ̂ − M a (ρ(θ) + aᵀ(θ̂ − θ)) / (aᵀ M a), a = ∂ρ/∂θ, until it converges             (1)
+//! θ*   = θ_W,   P* = P − P a aᵀ P / (aᵀ P a) + (θ_W − θ_P)(θ_W − θ_P)ᵀ                           (2)
 //! ```
 //!
 //! The arm's θ₁/θ₃ and θ₂/θ₄ are both L/R of one winding, so nine parameters have eight degrees of
@@ -13,9 +13,10 @@
 //! [`product_ratio`](super::BlockEstimator::product_ratio) still shows whether the data agree with
 //! it.
 //!
-//! If drifts are considered, (θ* − θ̂) is weighted by the covariance W without them, because the
-//! possible lag of a moving parameter is no measure of the information on a constant one; with G =
-//! I − W a aᵀ/(aᵀ W a), P* = G P Gᵀ.
+//! P says how far θ̂ may be off, W how well the data determine it: W lacks drifts and errors that
+//! contradict the relation (`considered_covariance.rs`). θ_P is the mean of what P and the relation
+//! leave possible. Published is θ_W, which is right if there is no such error, with its second
+//! moment about θ_W: that is (2). Without such errors both are the same.
 //!
 //! Nothing is imposed if ρ is not known to within half the size of its products, or if the result
 //! would leave the bounds. If ρ is more than [`CONTRADICTION`] standard deviations from 0, the data
@@ -39,11 +40,13 @@ pub struct Published {
     pub theta: Vec<f64>,
     /// P of each group, in the order of the groups.
     covariance: Vec<Vec<f64>>,
-    /// W of each group, if it differs from P.
+    /// W of each group.
     weights: Vec<Vec<f64>>,
     gradient: Vec<f64>,
     image: Vec<f64>,
-    candidate: Vec<f64>,
+    /// θ_P and θ_W.
+    mean: Vec<f64>,
+    nearest: Vec<f64>,
 }
 
 impl Published {
@@ -53,10 +56,11 @@ impl Published {
         Self {
             theta: theta.to_vec(),
             covariance: groups.iter().map(|g| g.honest.clone()).collect(),
-            weights: groups.iter().map(|g| g.undrifted.clone()).collect(),
+            weights: groups.iter().map(|g| g.weights.clone()).collect(),
             gradient: vec![0.0; largest],
             image: vec![0.0; largest],
-            candidate: vec![0.0; largest],
+            mean: vec![0.0; largest],
+            nearest: vec![0.0; largest],
         }
     }
 
@@ -68,7 +72,7 @@ impl Published {
         let published = self.covariance.iter_mut().zip(&mut self.weights);
         for (k, ((own, weights), group)) in published.zip(groups.iter()).enumerate() {
             own.copy_from_slice(&group.confirmation.covariance);
-            weights.copy_from_slice(&group.undrifted);
+            weights.copy_from_slice(&group.weights);
             if groups.inquest.is_ambiguous(k) {
                 group.inquiry.widen(&theta[group.parameters.clone()], own);
             }
@@ -108,75 +112,88 @@ impl Published {
     }
 
     /// True if the data contradict the relation.
-    fn impose(&mut self, k: usize, group: &GroupState, [i, j, k1, l]: [usize; 4]) -> bool {
+    fn impose(&mut self, k: usize, group: &GroupState, indices: [usize; 4]) -> bool {
         let n = group.n;
         let own = &mut self.theta[group.parameters.clone()];
-        let (covariance, widened) = match self.weights[k].is_empty() {
-            true => (&mut self.covariance[k], None),
-            false => (&mut self.weights[k], Some(&mut self.covariance[k])),
+        let (covariance, weights) = (&mut self.covariance[k], &self.weights[k]);
+        let (a, v) = (&mut self.gradient[..n], &mut self.image[..n]);
+        let (mean, nearest) = (&mut self.mean[..n], &mut self.nearest[..n]);
+        let relation = Relation(indices);
+        relation.gradient(own, a);
+        let row = |p: usize| dot(&covariance[p * n..(p + 1) * n], a);
+        let std = (0..n).map(|p| a[p] * row(p)).sum::<f64>().max(0.0).sqrt();
+        if !(std > 0.0 && std < OPEN * relation.size(own)) {
+            return false;
+        }
+        if relation.rho(own).abs() >= CONTRADICTION * std {
+            return true;
+        }
+        let bounds = || group.lower.iter().zip(&group.upper);
+        let inside = |theta: &[f64]| theta.iter().zip(bounds()).all(|(t, (l, u))| (*l..=*u).contains(t));
+        if !(relation.project(own, weights, a, v, nearest).is_some() && inside(nearest)) {
+            return false;
+        }
+        let Some(variance) = relation.project(own, covariance, a, v, mean) else {
+            return false;
         };
-        let (a, v, candidate) = (&mut self.gradient[..n], &mut self.image[..n], &mut self.candidate[..n]);
-        let rho = |theta: &[f64]| theta[i] * theta[l] - theta[j] * theta[k1];
-        let size = (own[i] * own[l]).abs() + (own[j] * own[k1]).abs();
+        for p in 0..n {
+            for q in 0..n {
+                let shift = (nearest[p] - mean[p]) * (nearest[q] - mean[q]);
+                covariance[p * n + q] += shift - v[p] * v[q] / variance; // (2)
+            }
+        }
+        own.copy_from_slice(nearest);
+        false
+    }
+}
+
+/// θ_i θ_l − θ_j θ_k = 0, with the indices i, j, k, l within a group.
+#[derive(Debug, Clone, Copy)]
+struct Relation([usize; 4]);
+
+impl Relation {
+    fn rho(self, theta: &[f64]) -> f64 {
+        let [i, j, k, l] = self.0;
+        theta[i] * theta[l] - theta[j] * theta[k]
+    }
+
+    /// Size of the products.
+    fn size(self, theta: &[f64]) -> f64 {
+        let [i, j, k, l] = self.0;
+        (theta[i] * theta[l]).abs() + (theta[j] * theta[k]).abs()
+    }
+
+    /// a = ∂ρ/∂θ.
+    fn gradient(self, theta: &[f64], a: &mut [f64]) {
+        let [i, j, k, l] = self.0;
+        a.fill(0.0);
+        (a[i], a[j], a[k], a[l]) = (theta[l], -theta[k], -theta[j], theta[i]);
+    }
+
+    /// Writes (1) for `own` and the n × n `metric` M to `nearest`, a and M a there to `a` and `v`.
+    /// Returns aᵀ M a; `None` if it does not converge.
+    fn project(self, own: &[f64], metric: &[f64], a: &mut [f64], v: &mut [f64], nearest: &mut [f64]) -> Option<f64> {
+        let n = own.len();
         let mut variance = 0.0;
-        let mut differentiate = |theta: &[f64], v: &mut [f64]| {
-            a.fill(0.0);
-            (a[i], a[j], a[k1], a[l]) = (theta[l], -theta[k1], -theta[j], theta[i]);
-            for (row, value) in v.iter_mut().enumerate() {
-                *value = dot(&covariance[row * n..(row + 1) * n], a);
+        nearest.copy_from_slice(own);
+        for _ in 0..ITERATIONS {
+            self.gradient(nearest, a);
+            for (p, value) in v.iter_mut().enumerate() {
+                *value = dot(&metric[p * n..(p + 1) * n], a);
             }
-            let along: f64 = (0..n).map(|p| a[p] * theta[p]).sum();
-            (dot(a, v), along, dot(a, own))
-        };
-        candidate.copy_from_slice(own);
-        for iteration in 0..ITERATIONS {
-            let (spread, along, along_own) = differentiate(candidate, v);
-            if iteration == 0 {
-                let std = spread.max(0.0).sqrt();
-                if !(std > 0.0 && std < OPEN * size) {
-                    return false;
-                }
-                if rho(candidate).abs() >= CONTRADICTION * std {
-                    return true;
-                }
-            }
-            variance = spread;
-            let excess = (rho(candidate) + along_own - along) / spread;
+            variance = dot(a, v);
+            let excess = (self.rho(nearest) + dot(a, own) - dot(a, nearest)) / variance; // (1)
             let mut moved = 0.0f64;
             for p in 0..n {
                 let next = own[p] - v[p] * excess;
-                moved = moved.max((next - candidate[p]).abs() / next.abs().max(f64::MIN_POSITIVE));
-                candidate[p] = next;
+                moved = moved.max((next - nearest[p]).abs() / next.abs().max(f64::MIN_POSITIVE));
+                nearest[p] = next;
             }
             if moved < 1e-14 {
                 break;
             }
         }
-        let inside = (0..n).all(|p| {
-            let value = candidate[p];
-            value.is_finite() && (group.lower[p]..=group.upper[p]).contains(&value)
-        });
-        if !inside || !(variance > 0.0) || rho(candidate).abs() > 1e-9 * size {
-            return false;
-        }
-        own.copy_from_slice(candidate);
-        if let Some(widened) = widened {
-            // the parameters' own values are no longer needed
-            for (p, image) in candidate.iter_mut().enumerate() {
-                *image = dot(&widened[p * n..(p + 1) * n], a);
-            }
-            let spread = dot(candidate, a) / variance;
-            for p in 0..n {
-                for q in 0..n {
-                    widened[p * n + q] += (v[p] * v[q] * spread - v[p] * candidate[q] - candidate[p] * v[q]) / variance;
-                }
-            }
-        }
-        for p in 0..n {
-            for q in 0..n {
-                covariance[p * n + q] -= v[p] * v[q] / variance;
-            }
-        }
-        false
+        let solved = variance > 0.0 && self.rho(nearest).abs() <= 1e-9 * self.size(own);
+        (solved && nearest.iter().all(|t| t.is_finite())).then_some(variance)
     }
 }

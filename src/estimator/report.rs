@@ -108,7 +108,7 @@ pub struct Report {
     /// True once the data have informed on more than half of the directions of the free parameters
     /// of some group of equations.
     pub informed: bool,
-    /// Bit e: they have not yet in the group of equation e, whose parameters are not usable and whose
+    /// Bit e: they have not yet in the group of equation e. Its parameters are not usable, and its
     /// share is not judged.
     pub uninformed: u64,
     /// Bit i: parameter i is fixed.

@@ -267,6 +267,10 @@ impl Residuals for AutoWindowBlock {
         self.own().is_imitated(suspect)
     }
 
+    fn contradicts_relations(&self, suspect: usize) -> bool {
+        self.own().contradicts_relations(suspect)
+    }
+
     fn is_slow(&self, suspect: usize) -> bool {
         self.own().is_slow(suspect)
     }

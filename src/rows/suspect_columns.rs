@@ -24,16 +24,16 @@
 //! Friction that falls with speed (R. Stribeck 1902) and a dead band have columns only if the model
 //! has Coulomb friction; otherwise they would be hard to distinguish from Coulomb friction. A
 //! spring has one at any joint whose model has none, because a weight and an inertia look like it.
-//! There are two columns of friction that falls with speed, with v_s of 0.2 and of 0.8
-//! times the root mean square of the velocity in the first block that moves: together they
-//! approximate any v_s between. The standard deviations of friction, dead band, offset and spring
-//! are shares of u_r, the largest root mean square of a block's input so far, so one default fits
-//! drives of any voltage. sat is the sign function with a linear middle, as wide as three standard
-//! deviations of the velocity's noise, because at rest friction and noise may have either sign, or
-//! a fiftieth of u_r. The offset is a share of the input's range, if that is larger: slow motion
-//! uses little of it, and the offset of an amplifier or a sensor does not depend on the motion. The
-//! range is taken to be at least 400 times the input's noise. A flexible joint has u (1 + s²/ω_a²)
-//! = (1 + s²/ω_r²)·(the rigid terms), so to first order in 1/ω² its rigid model is off by (1/ω_r² −
+//! There are two columns of friction that falls with speed, with v_s of 0.2 and of 0.8 times the
+//! root mean square of the velocity in the first block that moves: together they approximate any
+//! v_s between. The standard deviations of friction, dead band, offset and spring are shares of
+//! u_r, the largest root mean square of a block's input so far, so one default fits drives of any
+//! voltage. sat is the sign function with a linear middle, as wide as three standard deviations of
+//! the velocity's noise, because at rest friction and noise may have either sign, or a fiftieth of
+//! u_r. The offset is a share of the input's range, if that is larger: slow motion uses little of
+//! it, and the offset of an amplifier or a sensor does not depend on the motion. The range is taken
+//! to be at least 400 times the input's noise. A flexible joint has u (1 + s²/ω_a²) = (1 +
+//! s²/ω_r²)·(the rigid terms), so to first order in 1/ω² its rigid model is off by (1/ω_r² −
 //! 1/ω_a²) s² u: the second derivative of the input, for any equation. Its sign depends on the side
 //! of the encoder.
 //!
@@ -307,6 +307,11 @@ impl SuspectColumns {
             SuspectKind::Gain => self.considered.gain == 0.0,
             kind => kind == SuspectKind::Scale,
         }
+    }
+
+    /// True for viscous friction behind an inductance: θ₃ is then off θ₁ θ₄/θ₂.
+    pub fn contradicts_relations(&self, suspect: usize) -> bool {
+        self.kind(suspect) == SuspectKind::Viscous
     }
 
     /// True for a resonance, whose column holds for motion well below its frequency.

@@ -144,6 +144,10 @@ impl Residuals for ProjectedBlock {
         self.rows.suspects.is_imitated(suspect)
     }
 
+    fn contradicts_relations(&self, suspect: usize) -> bool {
+        self.rows.suspects.contradicts_relations(suspect)
+    }
+
     fn is_slow(&self, suspect: usize) -> bool {
         self.rows.suspects.is_slow(suspect)
     }

@@ -1,0 +1,55 @@
+//! What considered errors add to a covariance.
+//!
+//! ```text
+//! P_pub = P + T M Tᵀ              all errors                                   (d) of considered.rs
+//! W     = P + T_W M_W T_Wᵀ        without drifts and errors that contradict relations between parameters
+//! ```
+//!
+//! W weighs the parameters if a relation is imposed on them (`relation.rs`). How far a moving
+//! parameter may lag, or how far viscous friction may have pushed θ₃ off θ₁ θ₄/θ₂, is no measure of
+//! how well the data determine it: such an error would be charged with what noise does to the
+//! relation, and with it whatever else it changes. With viscous friction in W, θ₅ of an arm without
+//! friction had 7 times its Cramér–Rao bound in multisine motion.
+
+use super::considered::Considered;
+
+impl Considered {
+    /// The error that widens parameter i most, and the variance that all errors add together.
+    pub fn leading(&self, i: usize) -> Option<(usize, f64)> {
+        let room = self.room();
+        let widening = |s: usize| self.moments[s * room + s] * self.sensitivity[s * self.n + i].powi(2);
+        let leading = (0..self.known).max_by(|&a, &b| widening(a).total_cmp(&widening(b)));
+        leading.map(|s| (s, (0..self.known).map(widening).sum()))
+    }
+
+    /// Adds T_W M_W T_Wᵀ.
+    pub fn widen_weights(&mut self, covariance: &mut [f64]) {
+        self.widen_by(self.known, true, covariance);
+    }
+
+    /// Adds T M Tᵀ of (d).
+    pub fn widen(&mut self, covariance: &mut [f64]) {
+        self.widen_by(self.count, false, covariance);
+    }
+
+    fn widen_by(&mut self, count: usize, agreeing: bool, covariance: &mut [f64]) {
+        let (n, room) = (self.n, self.room());
+        let counts = |s: &usize| !(agreeing && self.contradicting[*s]);
+        for s in (0..count).filter(counts) {
+            // (M Tᵀ)_s
+            self.vector.fill(0.0);
+            for r in (0..count).filter(counts) {
+                let (moment, t) = (self.moments[s * room + r], &self.sensitivity[r * n..(r + 1) * n]);
+                if moment != 0.0 {
+                    self.vector.iter_mut().zip(t).for_each(|(v, t)| *v += moment * t);
+                }
+            }
+            let t = &self.sensitivity[s * n..(s + 1) * n];
+            for i in 0..n {
+                for j in 0..n {
+                    covariance[i * n + j] += t[i] * self.vector[j];
+                }
+            }
+        }
+    }
+}

@@ -38,8 +38,7 @@
 //! of the encoder.
 //!
 //! The estimator widens its published covariance by the remaining uncertainty of the errors that
-//! have a prior standard deviation ([`Considered`]), and tests for all of them
-//! (`estimator/considered.rs`, `estimator/score_test.rs`). It does not estimate them.
+//! have a prior standard deviation ([`Considered`]), and tests for all of them (`score_test.rs`).
 
 use super::kernel::{Kernels, dot};
 use super::present_terms::{has_jump, has_term};
@@ -303,10 +302,8 @@ impl SuspectColumns {
     /// True for a scale, and for a gain without a prior (parameters are in the units that the drive
     /// reports): both are informative only after a change.
     pub fn is_imitated(&self, suspect: usize) -> bool {
-        match self.kind(suspect) {
-            SuspectKind::Gain => self.considered.gain == 0.0,
-            kind => kind == SuspectKind::Scale,
-        }
+        let kind = self.kind(suspect);
+        kind == SuspectKind::Scale || kind == SuspectKind::Gain && self.considered.gain == 0.0
     }
 
     /// True for viscous friction behind an inductance: θ₃ is then off θ₁ θ₄/θ₂.

@@ -1,12 +1,12 @@
 //! A model for the programs: one value behind one trait, independent of its equations.
 //!
 //! ```text
-//! Plant (generic, statically dispatched) ──PlantModel──▶ dyn Model ──identifier()──▶ dyn Identifier
+//! Plant (generic) ──PlantModel──▶ dyn Model ──identifier()──▶ dyn Identifier
 //! ```
 //!
 //! Generics end here: a configuration holds a [`SharedModel`], whose identifier or simulator is one
-//! boxed value per robot. The step from sample to row is still compiled for its plant; it takes one
-//! virtual call per sample.
+//! boxed value per robot. Pointwise rows are compiled for their plant; projected rows call its terms
+//! through [`AnyPlant`](crate::model::AnyPlant), a few times per sample.
 
 use super::block_learner::BlockLearner;
 use super::identifier::{Identifier, IdentifierNode, IdentifierOptions};

@@ -367,6 +367,8 @@ fn ident_the_first_short_block_is_no_misfit() {
         }
         .settings();
         settings.push(format!("estimator.block_len={block_len}"));
+        settings.push("plant.mass_2.t_s=[0.0]".to_owned());
+        settings.push("plant.mass_2.mass_kg=[150.0]".to_owned());
         let (result, _) = run(&settings);
         let misfits = result.states.iter().find(|(state, _)| *state == "misfit");
         assert_eq!(misfits, None, "blocks of {block_len}");

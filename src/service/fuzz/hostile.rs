@@ -73,7 +73,7 @@ pub(super) fn hostile_estimate(random: &mut Random, block: u64) -> Estimate {
         condition: reals[0],
         theta: reals,
         theta_std: reals,
-        ..crate::node::monitor::tests::estimate(block, reals[1])
+        ..crate::node::monitor::tests::estimate(1, reals[1])
     }
 }
 

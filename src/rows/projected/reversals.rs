@@ -51,7 +51,7 @@ pub(super) fn correct(
             let instant = at as f64 + locate(q, filtered, noise(joint)).unwrap_or(filtered);
             let slope = next - here;
             // samples between both instants have the wrong sign
-            for k in samples.clone().skip(at.saturating_sub(1) - samples.start).take(4) {
+            for k in samples.clone().skip((at - samples.start).saturating_sub(1)).take(4) {
                 let u = k as f64 - instant;
                 let wrong = signals.dq[joint][k] * slope * u < 0.0;
                 if wrong {

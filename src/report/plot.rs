@@ -210,7 +210,7 @@ impl Panel {
                 let exponent = if (0.01..1e5).contains(&largest) || largest == 0.0 {
                     0
                 } else {
-                    (largest.log10() / 3.0).floor() as i32 * 3
+                    (largest.log10() / 3.0).floor().clamp(-110.0, 110.0) as i32 * 3
                 };
                 let unit = 10f64.powi(exponent);
                 let values = ticks(from, to, (frame.height / 34.0) as usize);

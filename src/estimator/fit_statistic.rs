@@ -37,8 +37,6 @@ const MANY: f64 = 1e5;
 /// Rows at the end of a block that are left out of the explained share, because backward whitening
 /// begins there.
 const EDGE: usize = 16;
-/// Rows per parameter from which the windows at the end of a block are tested.
-const ROWS_PER_PARAMETER: usize = 2;
 /// Lengths of the last parts are powers of two below this.
 const LONGEST: usize = 1 << 20;
 
@@ -218,10 +216,9 @@ impl EquationFit {
         if last.rows > 0 {
             last.end();
             // rows weight the middle of their windows, so they inform little on the end of the
-            // block; a few rows that determine θ hardly say what it does there
+            // block
             let short = (0..).map_while(|k| rows.tail(equation, k, theta));
-            let enough = last.rows >= ROWS_PER_PARAMETER * pass.own.len();
-            fit.compare(&last, level, short.filter(|_| enough));
+            fit.compare(&last, level, short);
         }
         fit
     }

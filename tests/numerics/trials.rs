@@ -356,25 +356,6 @@ fn ident_a_joint_that_never_moves_keeps_only_its_own_parameters_from_use() {
     }
 }
 
-/// The first rows of a short block fit exactly, as many parameters as they have, and say nothing of
-/// the windows at its end.
-#[test]
-fn ident_the_first_short_block_is_no_misfit() {
-    for block_len in [200, 400] {
-        let mut settings = TrialSpec {
-            blocks: 4,
-            ..TrialSpec::new(Motion::Steps, 3)
-        }
-        .settings();
-        settings.push(format!("estimator.block_len={block_len}"));
-        settings.push("plant.mass_2.t_s=[0.0]".to_owned());
-        settings.push("plant.mass_2.mass_kg=[150.0]".to_owned());
-        let (result, _) = run(&settings);
-        let misfits = result.states.iter().find(|(state, _)| *state == "misfit");
-        assert_eq!(misfits, None, "blocks of {block_len}");
-    }
-}
-
 /// Each parameter of an equation follows the gain of its drive, without a residual: without the
 /// inquest the estimate would be wrong by as much, at hundreds of standard deviations. A payload
 /// moves some of them only.

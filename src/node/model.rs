@@ -5,8 +5,8 @@
 //! ```
 //!
 //! Generics end here: a configuration holds a [`SharedModel`], whose identifier or simulator is one
-//! boxed value per robot. Pointwise rows are compiled for their plant; projected rows call its terms
-//! through [`AnyPlant`](crate::model::AnyPlant), a few times per sample.
+//! boxed value per robot. Pointwise rows are compiled for their plant; projected rows call its
+//! terms through [`AnyPlant`](crate::model::AnyPlant), a few times per sample.
 
 use super::block_learner::BlockLearner;
 use super::identifier::{Identifier, IdentifierNode, IdentifierOptions};

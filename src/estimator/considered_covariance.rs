@@ -7,9 +7,10 @@
 //!
 //! W weighs the parameters if a relation is imposed on them (`relation.rs`). How far a moving
 //! parameter may lag, or how far viscous friction may have pushed θ₃ off θ₁ θ₄/θ₂, is no measure of
-//! how well the data determine it: such an error would be charged with what noise does to the
-//! relation, and with it whatever else it changes. With viscous friction in W, θ₅ of an arm without
-//! friction had 7 times its Cramér–Rao bound in multisine motion.
+//! how well the data determine it. If W contained such an error, what noise does to the relation
+//! would be taken for that error, and every parameter that the error changes would be moved. With
+//! viscous friction in W, the error of θ₅ of an arm without friction was 7 times its Cramér–Rao
+//! bound in multisine motion.
 
 use super::considered::Considered;
 

@@ -1,7 +1,7 @@
 //! The size of a parameter: what a change of 100 % means.
 //!
 //! ```text
-//! size_i = max(|θ_i|, size of the start value, s_i)                                                 (a)
+//! size_i = max(|θ_i|, standard deviation of the start value, s_i)                                   (a)
 //! s_i    = 0.1 max over the blocks of √(θᵀSθ / S_ii),  S = Σ φφᵀ over the rows of a block           (b)
 //! ```
 //!
@@ -52,7 +52,7 @@ impl Sizes {
         if size > 0.0 { size } else { 1.0 }
     }
 
-    /// The same without the start value, whose size may be far from the parameter's; ≥ 0.
+    /// The same without the start value, which may be far from the parameter's; ≥ 0.
     pub fn own(&self, i: usize, value: f64) -> f64 {
         value.abs().max(self.from_signal[i])
     }

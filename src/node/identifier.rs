@@ -69,7 +69,8 @@ impl<L: Learner> IdentifierNode<L> {
 }
 
 impl<L: Learner + ?Sized> IdentifierNode<L> {
-    /// The same of a learner of any type: all `IdentifierNode<dyn Learner>` share their code.
+    /// The same for a boxed learner, which may be a `dyn Learner`: all nodes of that type share
+    /// their code.
     ///
     /// # Panics
     /// If `block_len` is 0.

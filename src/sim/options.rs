@@ -232,7 +232,7 @@ impl SimOptions {
             .collect()
     }
 
-    /// Offset of the recorded input of a joint at time `t_s` \[s\].
+    /// Offset of the recorded input of a joint at time `t_s` \[s\], by faults of the kind `wrong`.
     fn input_offset_v(&self, joint: usize, t_s: f64) -> f64 {
         let faults = self.faults.iter();
         let active = faults.filter(|fault| {

@@ -132,7 +132,7 @@ fn e2e_an_identifier_killed_with_9_goes_on_warm_within_a_block() {
     let keys = ["--set", &dir, "--set", "checkpoint.period_s=0.2"];
     let (_plant, mut identifier) = running(&site, &keys);
     let mut observer = site.observer();
-    // when the second joint is learnt, blocks of the first alone are no longer usable for a moment
+    // use_ok may fall to 0 for a block when the second joint is learnt
     observer.estimate("an estimate that may be used whole", |e| {
         e.use_ok == 1 && (0..9).all(|i| e.is_usable(i))
     });

@@ -253,7 +253,8 @@ const EXPLANATION: [&str; 5] = [
     "The truth is that of the block's last sample. The truth of a derived value is computed from the true parameters with the constants in the identifier's configuration, so a winding that has \
      become warm counts as a true change of both.",
     "Error ÷ bound is the root mean square over seeds and three blocks before the change, of the knowable parameters together and of the worst of them. The bound leaves the nine \
-     parameters and the state at the start free. The error at the end is that of the worst knowable parameter, or of the worst of all parameters if there is no bound. A parameter whose truth is zero has no relative error and is left out there; as a usable value it is dangerous beyond 5 σ.",
+     parameters and the state at the start free. The error at the end is that of the worst knowable parameter, or of the worst of all parameters if there is no bound. A parameter \
+     whose truth is zero has no relative error and is left out there; as a usable value it is dangerous beyond 5 σ.",
     "A cause is named right if the last message of the status says that it would explain the misfit or the change. An error that the motion does not show leaves no misfit. The \
      status then says that most of the std of a parameter may be that error, unseen.",
 ];

@@ -178,7 +178,6 @@ impl SuspectColumns {
                     .collect()
             })
             .collect();
-        let joints = plant.joints();
         let room = |needed: bool| vec![0.0; if needed { capacity } else { 0 }];
         Self {
             considered,
@@ -195,13 +194,13 @@ impl SuspectColumns {
             through_drives,
             frictions: jumps.iter().map(|&jumps| [room(true), room(jumps)]).collect(),
             jumps,
-            turns: (0..joints)
+            turns: (0..plant.joints())
                 .map(|j| {
                     let turns = turns && inputs.contains(&j);
                     [room(turns), room(turns), room(turns)]
                 })
                 .collect(),
-            scaled: vec![vec![0.0; capacity]; joints],
+            scaled: vec![vec![0.0; capacity]; plant.joints()],
             closely: false,
             tempo: tempo(plant),
             velocity_gain: dot(velocity_weights, velocity_weights).sqrt(),
@@ -341,8 +340,7 @@ impl SuspectColumns {
                 largest: f64::INFINITY,
             });
         }
-        let kind = self.kind(suspect);
-        let joint = self.joint(suspect);
+        let (kind, joint) = (self.kind(suspect), self.joint(suspect));
         let (unit, largest) = match kind {
             SuspectKind::InputDelay => ("s", 0.1),
             SuspectKind::Gain | SuspectKind::Scale | SuspectKind::Clock => ("1", 1.0),
@@ -437,8 +435,7 @@ impl SuspectColumns {
     /// Projects the columns that depend on the input and on the sign of the velocity, for one row.
     /// `moments` are ∫ψ^(r) u with the input's scale.
     pub fn project(&mut self, e: usize, row: usize, centre: usize, scale: f64, kernels: &Kernels, moments: [f64; 3]) {
-        let own = 1 + PER_EQUATION * e;
-        let columns = &mut self.columns[e];
+        let (own, columns) = (1 + PER_EQUATION * e, &mut self.columns[e]);
         let mut put = |suspect: usize, value: f64| {
             if let Some(entry) = columns[suspect].get_mut(row) {
                 *entry = value;
@@ -461,6 +458,11 @@ impl SuspectColumns {
                 put(own + place, scale * dot(&kernels.position[0], shape));
             }
         }
+    }
+
+    /// The column of a resonance.
+    pub fn resonance(&mut self, e: usize) -> &mut [f64] {
+        &mut self.columns[e][1 + PER_EQUATION * e + RESONANCE]
     }
 
     /// Projects the columns of an inertia and of viscous friction for one row.
@@ -512,8 +514,7 @@ impl SuspectColumns {
 
     /// Whitens the columns of an equation.
     pub fn whiten(&mut self, e: usize, rows: usize, whitening: &mut Whitening) {
-        let columns = self.white[e].iter_mut().zip(&self.columns[e]);
-        let closely = self.closely;
+        let (columns, closely) = (self.white[e].iter_mut().zip(&self.columns[e]), self.closely);
         let wanted = |place: &usize| closely || place.checked_sub(1).is_none_or(|s| s % PER_EQUATION != SCALE);
         let columns = columns
             .enumerate()

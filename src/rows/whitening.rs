@@ -24,8 +24,9 @@ pub(super) struct Whitening {
     /// Whether each row is left out, and whether any is.
     excluded: Vec<bool>,
     any_excluded: bool,
-    /// Scratch: interleaved columns.
+    /// Scratch: interleaved columns, and R⁻¹ within the band.
     beside: Vec<[f64; LANES]>,
+    inverse: Vec<f64>,
 }
 
 /// Which way the whitening runs.
@@ -53,6 +54,7 @@ impl Whitening {
             excluded: vec![false; capacity],
             any_excluded: false,
             beside: vec![[0.0; LANES]; capacity],
+            inverse: vec![0.0; room],
         }
     }
 
@@ -173,6 +175,39 @@ impl Whitening {
         }
     }
 
+    /// tr(R⁻¹ B) over the rows that are not left out: B_ij = B_ji = `entry`(i, j) for j ≤ i, 0 beyond
+    /// the band. R⁻¹ within the band follows from L alone (K. Takahashi 1973):
+    ///
+    /// ```text
+    /// Z_ij = −Σ_{k>j} Z_ik L_kj / L_jj,   Z_jj = 1/L_jj² − Σ_{k>j} Z_kj L_kj / L_jj
+    /// ```
+    pub fn trace_of_inverse(&mut self, entry: impl Fn(usize, usize) -> f64) -> f64 {
+        let (n, width) = (self.rows, self.bandwidth + 1);
+        let (l, z) = (&self.forward, &mut self.inverse);
+        let at = |i: usize, j: usize| i.max(j) * width + i.abs_diff(j);
+        let mut trace = 0.0;
+        for j in (0..n).rev() {
+            let below = j + 1..n.min(j + width);
+            let inverse = 1.0 / l[at(j, j)];
+            let used = !self.excluded[j];
+            let mut pivot = inverse;
+            for i in below.clone().rev() {
+                let sum: f64 = below.clone().map(|k| z[at(i, k)] * l[at(k, j)]).sum();
+                let entry_ij = -sum * inverse;
+                z[at(i, j)] = entry_ij;
+                pivot -= entry_ij * l[at(i, j)];
+                if used && !self.excluded[i] {
+                    trace += 2.0 * entry_ij * entry(i, j);
+                }
+            }
+            z[at(j, j)] = pivot * inverse;
+            if used {
+                trace += z[at(j, j)] * entry(j, j);
+            }
+        }
+        trace
+    }
+
     /// Turns a column that was whitened forwards, L⁻¹ x, into R⁻¹ x = L⁻ᵀ L⁻¹ x, in place.
     pub fn apply_transposed(&self, column: &mut [f64]) {
         let (n, width) = (self.rows, self.bandwidth + 1);
@@ -252,7 +287,7 @@ mod tests {
         let x: Vec<f64> = (0..n).map(|i| (i as f64 * 1.3).sin()).collect();
         let matrix = nalgebra::DMatrix::from_fn(n, n, r);
         let vector = nalgebra::DVector::from_column_slice(&x);
-        let wanted = vector.dot(&matrix.lu().solve(&vector).unwrap());
+        let wanted = vector.dot(&matrix.clone().lu().solve(&vector).unwrap());
         for direction in Direction::BOTH {
             let mut y = x.clone();
             whitening.apply(direction, &mut y);
@@ -268,6 +303,13 @@ mod tests {
                 assert_eq!(*column, alone, "{direction:?} {k}");
             }
         }
+        let other = |i: usize, j: usize| r(i, j) * (1.0 + 0.1 * (i + j) as f64);
+        let wanted = matrix
+            .try_inverse()
+            .unwrap()
+            .component_mul(&nalgebra::DMatrix::from_fn(n, n, other))
+            .sum();
+        assert!((whitening.trace_of_inverse(other) / wanted - 1.0).abs() < 1e-12);
         // a change of the last value changes only the last forward row, and no backward row but all
         // before it
         let mut changed = x.clone();
@@ -294,6 +336,8 @@ mod tests {
         let x: Vec<f64> = (0..n).map(|i| (i as f64 * 1.3).sin()).collect();
         let kept: Vec<usize> = (0..n).filter(|i| !out.contains(i)).collect();
         let matrix = nalgebra::DMatrix::from_fn(kept.len(), kept.len(), |i, j| r(kept[i], kept[j]));
+        let trace = matrix.clone().try_inverse().unwrap().component_mul(&matrix).sum();
+        assert!((whitening.trace_of_inverse(r) / trace - 1.0).abs() < 1e-12);
         let vector = nalgebra::DVector::from_fn(kept.len(), |i, _| x[kept[i]]);
         let wanted = vector.dot(&matrix.lu().solve(&vector).unwrap());
         for direction in Direction::BOTH {

@@ -65,6 +65,7 @@
 
 mod block;
 mod calibration;
+mod column_noise;
 mod covariance;
 mod errors_in_variables;
 mod evaluation;

@@ -1,5 +1,6 @@
 //! The steps from a block of samples to its rows: measure, project, whiten, smooth.
 
+use super::column_noise::ColumnNoise;
 use super::covariance::RowCovariance;
 use super::errors_in_variables::SmoothedSignals;
 use super::evaluation::Source;
@@ -26,6 +27,7 @@ pub(super) struct Projection {
     smoothed: SmoothedSignals,
     regressor_noise: RegressorNoise,
     tail: Tail,
+    column_noise: Vec<ColumnNoise>,
     /// θ of the rows' weights.
     theta: Vec<f64>,
 }
@@ -56,6 +58,7 @@ impl Projection {
             smoothed: SmoothedSignals::new(&block, rows),
             regressor_noise: RegressorNoise::new(&block, rows),
             tail: Tail::new(form),
+            column_noise: vec![ColumnNoise::new(&block, rows); form.equations()],
             theta: vec![0.0; form.plant.parameters().len()],
             covariance,
             block,
@@ -183,10 +186,9 @@ impl Projection {
     }
 
     /// Computes the columns of considered errors, from smoothed signals if they exist. Otherwise
-    /// residual and column would share the noise: in motion so slow that the second derivative of
-    /// the input is below its noise, the score of a resonance would be −σ_u² Σ ψ′², always of one
-    /// sign, and the sine of a joint that hardly moves would explain all noise by an eccentricity
-    /// of 1 rad.
+    /// residual and column would share the noise: the sine of a joint that hardly moves would
+    /// explain all noise by an eccentricity of 1 rad. `column_noise.rs` removes what smoothing
+    /// leaves in the column of a resonance.
     pub fn project_suspects(&mut self) {
         let (block, rows, kernels) = (&self.block, self.block.samples.windows.len(), &self.block.form.kernels);
         let signals = self.smoothed.or(&block.samples.signals);
@@ -204,6 +206,12 @@ impl Projection {
                     .project_through_drive(e, row, signals, window.centre, scale, kernels);
                 let c = |joint: usize| self.covariance.sensitivity(block, e, row, joint);
                 self.suspects.turn(e, row, c);
+            }
+            if self.smoothed.exist() {
+                let noise = &mut self.column_noise[e];
+                noise.compare(block, e, &signals.u);
+                noise.weigh(block, e, &self.covariance, self.rows.measured_and_whitening(e));
+                noise.remove(self.suspects.resonance(e));
             }
             self.suspects.whiten(e, rows, &mut self.rows.whitening[e]);
         }
@@ -249,6 +257,7 @@ impl Projection {
     pub fn reset(&mut self) {
         self.block.reset();
         self.suspects.reset();
+        self.column_noise.iter_mut().for_each(ColumnNoise::reset);
         self.draw_anew();
     }
 }

@@ -109,6 +109,11 @@ impl WhitenedRows {
         &self.measured[Direction::Forward as usize][e]
     }
 
+    /// The same, with the equation's whitening.
+    pub fn measured_and_whitening(&mut self, e: usize) -> (&[f64], &mut Whitening) {
+        (&self.measured[Direction::Forward as usize][e], &mut self.whitening[e])
+    }
+
     /// Computes the regressors from other signals; [`keep_at`](Self::keep_at) must follow.
     pub fn replace_regressors(&mut self, source: &Source<'_>) {
         self.forget();

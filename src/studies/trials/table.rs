@@ -14,7 +14,7 @@ pub struct CaseResult {
 }
 
 /// Columns: name in a table, name in a line.
-const COLUMNS: [(&str, &str); 14] = [
+const COLUMNS: [(&str, &str); 15] = [
     ("dangerous blocks", "danger"),
     ("false alarms per 1000", "alarms"),
     ("95 % intervals hold", "cover"),
@@ -27,11 +27,18 @@ const COLUMNS: [(&str, &str); 14] = [
     ("error ÷ bound", "eff"),
     ("largest", "max"),
     ("cause named right", "cause"),
+    ("another cause named", "wrong"),
     ("named as most of σ", "unseen"),
     ("worst dangerous value", "worst:"),
 ];
 
 const NONE: &str = "–";
+
+/// True if a text names a cause: one of these words, and the number of the joint if there is one.
+fn names(text: &str, (words, joint): (&[&str], Option<usize>)) -> bool {
+    let text = text.to_lowercase();
+    words.iter().any(|word| text.contains(word)) && joint.is_none_or(|joint| text.contains(&format!("joint {joint}")))
+}
 
 fn share(part: u64, whole: u64) -> Option<f64> {
     (whole > 0).then(|| part as f64 / whole as f64)
@@ -89,12 +96,24 @@ impl CaseResult {
             .runs
             .iter()
             .filter_map(|(d, run)| d.cause().map(|cause| (cause, run)));
-        with.fold((0, 0), |(right, all), ((words, joint), run)| {
-            let named = of(run).map(|words| words.to_lowercase()).unwrap_or_default();
-            let is_right = words.iter().any(|word| named.contains(word))
-                && joint.is_none_or(|joint| named.contains(&format!("joint {joint}")));
+        with.fold((0, 0), |(right, all), (cause, run)| {
+            let is_right = of(run).is_some_and(|named| names(named, cause));
             (right + u64::from(is_right), all + 1)
         })
+    }
+
+    /// Number of runs of which a cause was named that they do not have.
+    fn wrong_causes(&self) -> u64 {
+        let named = self
+            .runs
+            .iter()
+            .filter_map(|(d, run)| run.named_cause.as_ref().map(|named| (d, named)));
+        let wrong = named.filter(|(d, named)| match d {
+            // a little of everything
+            Disturbance::Drawn => false,
+            _ => d.cause().is_none_or(|cause| !names(named, cause)),
+        });
+        wrong.count() as u64
     }
 
     fn cells(&self) -> Vec<String> {
@@ -129,6 +148,7 @@ impl CaseResult {
             or_none(count > 0.0, two_digits(mean)),
             worst_parameter.map_or(NONE.to_owned(), |(i, e)| format!("{}: {}", i + 1, two_digits(e))),
             or_none(causes > 0, format!("{right} of {causes}")),
+            format!("{} of {}", self.wrong_causes(), self.runs.len()),
             or_none(causes > 0, format!("{unseen} of {causes}")),
             self.worst_danger(),
         ]
@@ -255,6 +275,6 @@ const EXPLANATION: [&str; 5] = [
     "Error ÷ bound is the root mean square over seeds and three blocks before the change, of the knowable parameters together and of the worst of them. The bound leaves the nine \
      parameters and the state at the start free. The error at the end is that of the worst knowable parameter, or of the worst of all parameters if there is no bound. A parameter \
      whose truth is zero has no relative error and is left out there; as a usable value it is dangerous beyond 5 σ.",
-    "A cause is named right if the last message of the status says that it would explain the misfit or the change. An error that the motion does not show leaves no misfit. The \
+    "A cause is named right if the last message of the status says that it would explain the misfit or the change. Another one is named if a cause is that the run does not have; a run that has nothing but a change of the payload, or lost samples, has none. An error that the motion does not show leaves no misfit. The \
      status then says that most of the std of a parameter may be that error, unseen.",
 ];

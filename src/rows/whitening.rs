@@ -24,9 +24,10 @@ pub(super) struct Whitening {
     /// Whether each row is left out, and whether any is.
     excluded: Vec<bool>,
     any_excluded: bool,
-    /// Scratch: interleaved columns, and R⁻¹ within the band.
+    /// Scratch: interleaved columns; R⁻¹ within the band, and one column of L with sums.
     beside: Vec<[f64; LANES]>,
     inverse: Vec<f64>,
+    below: Vec<(f64, f64)>,
 }
 
 /// Which way the whitening runs.
@@ -55,6 +56,7 @@ impl Whitening {
             any_excluded: false,
             beside: vec![[0.0; LANES]; capacity],
             inverse: vec![0.0; room],
+            below: vec![(0.0, 0.0); bandwidth + 1],
         }
     }
 
@@ -175,34 +177,44 @@ impl Whitening {
         }
     }
 
-    /// tr(R⁻¹ B) over the rows that are not left out: B_ij = B_ji = `entry`(i, j) for j ≤ i, 0 beyond
-    /// the band. R⁻¹ within the band follows from L alone (K. Takahashi 1973):
+    /// tr(R⁻¹ B) over the rows that are not left out, with `entry`(i, j) = B_ij = B_ji for j ≤ i, 0
+    /// beyond the band. R⁻¹ = Z within the band follows from L alone (K. Takahashi 1973):
     ///
     /// ```text
     /// Z_ij = −Σ_{k>j} Z_ik L_kj / L_jj,   Z_jj = 1/L_jj² − Σ_{k>j} Z_kj L_kj / L_jj
     /// ```
     pub fn trace_of_inverse(&mut self, entry: impl Fn(usize, usize) -> f64) -> f64 {
         let (n, width) = (self.rows, self.bandwidth + 1);
-        let (l, z) = (&self.forward, &mut self.inverse);
-        let at = |i: usize, j: usize| i.max(j) * width + i.abs_diff(j);
         let mut trace = 0.0;
         for j in (0..n).rev() {
-            let below = j + 1..n.min(j + width);
-            let inverse = 1.0 / l[at(j, j)];
-            let used = !self.excluded[j];
-            let mut pivot = inverse;
-            for i in below.clone().rev() {
-                let sum: f64 = below.clone().map(|k| z[at(i, k)] * l[at(k, j)]).sum();
-                let entry_ij = -sum * inverse;
-                z[at(i, j)] = entry_ij;
-                pivot -= entry_ij * l[at(i, j)];
-                if used && !self.excluded[i] {
-                    trace += 2.0 * entry_ij * entry(i, j);
+            let inverse = 1.0 / self.forward[j * width];
+            let below = &mut self.below[..width.min(n - j)];
+            for (lag, (l, sum)) in below.iter_mut().enumerate() {
+                (*l, *sum) = (self.forward[(j + lag) * width + lag], 0.0);
+            }
+            // Σ_k Z_ik L_kj of all i together, from one half of Z
+            for i in 1..below.len() {
+                let row = &self.inverse[(j + i) * width..(j + i) * width + i];
+                let (before, own) = below.split_at_mut(i);
+                let (l_i, sum_i) = &mut own[0];
+                *sum_i += row[0] * *l_i;
+                for ((l, sum), z) in before[1..].iter_mut().zip(row[1..].iter().rev()) {
+                    *sum += z * *l_i;
+                    *sum_i += z * *l;
                 }
             }
-            z[at(j, j)] = pivot * inverse;
-            if used {
-                trace += z[at(j, j)] * entry(j, j);
+            let mut pivot = inverse;
+            for (lag, (l, sum)) in below.iter().enumerate().skip(1) {
+                let z = -sum * inverse;
+                self.inverse[(j + lag) * width + lag] = z;
+                pivot -= z * l;
+                if !self.excluded[j] && !self.excluded[j + lag] {
+                    trace += 2.0 * z * entry(j + lag, j);
+                }
+            }
+            self.inverse[j * width] = pivot * inverse;
+            if !self.excluded[j] {
+                trace += pivot * inverse * entry(j, j);
             }
         }
         trace

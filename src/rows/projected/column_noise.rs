@@ -33,7 +33,10 @@ pub(super) struct ColumnNoise {
     /// Σ τ and Σ η.
     expected: f64,
     removed: f64,
-    /// d_u − d of the block's rows, and the same whitened.
+    /// u − û of the block's samples, and σ_u² of its rows.
+    noise: Vec<f64>,
+    variances: Vec<f64>,
+    /// d_u − d of its rows, and the same whitened.
     difference: Vec<f64>,
     white: Vec<f64>,
     rows: usize,
@@ -49,6 +52,8 @@ impl ColumnNoise {
             overlap: shifts.map(|shift| dot(bend, &value[shift..])).collect(),
             expected: 0.0,
             removed: 0.0,
+            noise: vec![0.0; block.samples.capacity()],
+            variances: vec![0.0; rows],
             difference: vec![0.0; rows],
             white: vec![0.0; rows],
             rows: 0,
@@ -63,13 +68,15 @@ impl ColumnNoise {
     /// Computes d_u − d of a block from its measured and its `smoothed` inputs.
     pub fn compare(&mut self, block: &MeasuredBlock, e: usize, smoothed: &[Vec<f64>]) {
         let ((input, scale), kernels) = (block.form.input(e), &block.form.kernels);
-        let (windows, bend) = (block.samples.windows.all(), &kernels.input[2]);
+        let windows = block.samples.windows.all();
         self.rows = windows.len();
+        let inputs = block.samples.signals.u[input].iter().zip(&smoothed[input]);
+        let noise = self.noise[..block.samples.len].iter_mut().zip(inputs);
+        noise.for_each(|(noise, (u, smoothed))| *noise = u - smoothed);
         for (difference, window) in self.difference.iter_mut().zip(windows) {
             let span = window.centre - kernels.input_half..=window.centre + kernels.input_half;
-            let moment = |u: &[f64]| dot(bend, &u[span.clone()]);
-            // jumps of the input are in both
-            *difference = scale * (moment(&block.samples.signals.u[input]) - moment(&smoothed[input]));
+            // the jumps of both inputs are the same
+            *difference = scale * dot(&kernels.input[2], &self.noise[span]);
         }
     }
 
@@ -88,12 +95,14 @@ impl ColumnNoise {
         white.copy_from_slice(&self.difference[..self.rows]);
         whitening.apply(Direction::Forward, white);
         let removed = dot(white, residuals);
-        let overlap = &self.overlap;
+        for (row, variance) in self.variances[..self.rows].iter_mut().enumerate() {
+            *variance = scale * scale * covariance.input_variance(block, e, row);
+        }
+        let (overlap, variances) = (&self.overlap, &self.variances);
         let expected = whitening.trace_of_inverse(|i, j| {
             let strides = (all[i].number - all[j].number) as usize / windows.stride;
-            let variance = |row: usize| covariance.input_variance(block, e, row);
             let overlap = overlap.get(strides).copied().unwrap_or(0.0);
-            scale * scale * 0.5 * (variance(i) + variance(j)) * overlap
+            0.5 * (variances[i] + variances[j]) * overlap
         });
         if removed.is_finite() && expected.is_finite() {
             self.removed = MEMORY * self.removed + removed;

@@ -321,6 +321,7 @@ mod tests {
             .unwrap()
             .component_mul(&nalgebra::DMatrix::from_fn(n, n, other))
             .sum();
+        // rounding of a few hundred products, ten times as far as above because terms cancel
         assert!((whitening.trace_of_inverse(other) / wanted - 1.0).abs() < 1e-12);
         // a change of the last value changes only the last forward row, and no backward row but all
         // before it
@@ -349,6 +350,7 @@ mod tests {
         let kept: Vec<usize> = (0..n).filter(|i| !out.contains(i)).collect();
         let matrix = nalgebra::DMatrix::from_fn(kept.len(), kept.len(), |i, j| r(kept[i], kept[j]));
         let trace = matrix.clone().try_inverse().unwrap().component_mul(&matrix).sum();
+        // as above
         assert!((whitening.trace_of_inverse(r) / trace - 1.0).abs() < 1e-12);
         let vector = nalgebra::DVector::from_fn(kept.len(), |i, _| x[kept[i]]);
         let wanted = vector.dot(&matrix.lu().solve(&vector).unwrap());

@@ -102,7 +102,7 @@ impl CaseResult {
         })
     }
 
-    /// Number of runs of which a cause was named that they do not have.
+    /// Number of runs whose last named cause they do not have.
     fn wrong_causes(&self) -> u64 {
         let named = self
             .runs
@@ -275,6 +275,6 @@ const EXPLANATION: [&str; 5] = [
     "Error ÷ bound is the root mean square over seeds and three blocks before the change, of the knowable parameters together and of the worst of them. The bound leaves the nine \
      parameters and the state at the start free. The error at the end is that of the worst knowable parameter, or of the worst of all parameters if there is no bound. A parameter \
      whose truth is zero has no relative error and is left out there; as a usable value it is dangerous beyond 5 σ.",
-    "A cause is named right if the last message of the status says that it would explain the misfit or the change. Another one is named if a cause is that the run does not have; a run that has nothing but a change of the payload, or lost samples, has none. An error that the motion does not show leaves no misfit. The \
+    "A cause is named right if the last message of the status says that it would explain the misfit or the change. Another cause is named if that message names one that the run does not have. A run with nothing but a new payload or lost samples has no cause; runs with a little of every error are not counted. An error that the motion does not show leaves no misfit. The \
      status then says that most of the std of a parameter may be that error, unseen.",
 ];

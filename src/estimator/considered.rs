@@ -223,7 +223,7 @@ impl Considered {
             *imitated = rows.is_imitated(s);
             self.contradicting[s] = rows.contradicts_relations(s);
         }
-        self.summed.adopt(|s| s < rows.suspects() && rows.is_slow(s));
+        self.summed.adopt(|s| s < rows.suspects() && rows.lags_as(s).is_some());
         self.clear_scores();
     }
 

@@ -219,10 +219,11 @@ pub trait Residuals {
     fn contradicts_relations(&self, _suspect: usize) -> bool {
         false
     }
-    /// True for an error whose column is the first term of a series, which holds for slow motion
-    /// only (`summed_rows.rs`).
-    fn is_slow(&self, _suspect: usize) -> bool {
-        false
+    /// For a resonance, the input delay, because a resonance delays slow motion as well. The column
+    /// of a resonance is the first term of a series, which holds for slow motion only
+    /// (`summed_rows.rs`).
+    fn lags_as(&self, _suspect: usize) -> Option<usize> {
+        None
     }
     /// The relative changes of the parameters that an error of 1 is equivalent to, if it has no
     /// column of its own.

@@ -51,6 +51,9 @@ const REPEATED: f64 = 3.0;
 /// Standard deviations, and ratio as above, above which σ allows for a term.
 const BELIEVED: f64 = 4.0;
 const REPEATED_BELIEVED: f64 = 2.0;
+/// Standard deviations of a resonance beside a delay above which the two are a resonance. The delay
+/// has been named, so this only chooses between two names.
+const BESIDE: f64 = 3.5;
 /// Share of all χ² that a term must explain if the noise was learnt.
 const OF_ALL: f64 = 0.2;
 
@@ -223,8 +226,9 @@ impl ScoreTest {
         }
     }
 
-    /// The likeliest term, if any is significant.
-    pub fn likeliest(&self) -> Option<Suspicion> {
+    /// The likeliest term, if any is significant; `lags_as(s)` is the delay that term s looks like
+    /// in slow motion.
+    pub fn likeliest(&self, lags_as: impl Fn(usize) -> Option<usize>) -> Option<Suspicion> {
         let significant = |j: &Judged| j.blocks >= ENOUGH && j.is_beyond(NAMED, REPEATED);
         let largest = |judged: &mut dyn Iterator<Item = Judged>| {
             let likeliest = judged.max_by(|a, b| a.explained.total_cmp(&b.explained));
@@ -232,8 +236,12 @@ impl ScoreTest {
         };
         let all = (0..self.std.len()).filter_map(|s| self.judge(s)).filter(significant);
         let in_sums = (0..self.summed.len()).filter_map(|s| self.judge_sums(s));
-        largest(&mut all.filter(Judged::counts))
-            .or_else(|| largest(&mut in_sums.filter(significant).filter(|j| j.suspicion.share > OF_ALL)))
+        let likeliest = largest(&mut all.filter(Judged::counts)).map(|likeliest| {
+            let terms = (0..self.summed.len()).filter(|&s| lags_as(s) == Some(likeliest.suspect));
+            let beside = terms.filter_map(|s| self.judge_beside(s, &likeliest));
+            largest(&mut beside.filter(|j| j.suspicion.deviations > BESIDE)).unwrap_or(likeliest)
+        });
+        likeliest.or_else(|| largest(&mut in_sums.filter(significant).filter(|j| j.suspicion.share > OF_ALL)))
     }
 
     /// â² + 1/I of a term that sums of rows show, 0 for others.
@@ -291,6 +299,36 @@ impl ScoreTest {
             },
         };
         (amplitude.is_finite() && scatter > 0.0).then_some(judged)
+    }
+
+    /// A resonance beside the delay, which explains the same in slow motion. `None` if the two
+    /// together are no resonance of damping ratio ζ below a half: â = 1/ω², τ = 2 ζ/ω.
+    fn judge_beside(&self, suspect: usize, delay: &Suspicion) -> Option<Judged> {
+        let (room, lag) = (self.std.len(), delay.suspect);
+        let [mut score, mut information, mut both, mut score_lag, mut information_lag] = [0.0; 5];
+        for group in &self.groups {
+            score += group.terms[suspect].score / group.excess;
+            information += group.terms[suspect].information / group.excess;
+            both += group.information[suspect * room + lag] / group.excess;
+            score_lag += group.terms[lag].score / group.excess;
+            information_lag += group.terms[lag].information / group.excess;
+        }
+        score -= both / information_lag * score_lag;
+        information -= both / information_lag * both;
+        let amplitude = score / information;
+        let judged = Judged {
+            explained: score * amplitude,
+            blocks: 0.0,
+            repeated: 0.0,
+            told: false,
+            suspicion: Suspicion {
+                suspect,
+                amplitude,
+                deviations: score / information.sqrt(),
+                ..*delay
+            },
+        };
+        (information > 0.0 && amplitude > delay.amplitude.powi(2)).then_some(judged)
     }
 
     /// The same for sums of rows, whose scatter is their noise.
@@ -375,7 +413,7 @@ mod tests {
         // amplitude 2, information 10 a block: each block is 6.3 standard deviations and explains
         // 40 of χ²
         let test = after(&[(20.0, 10.0), (21.0, 10.0), (19.0, 10.0), (20.0, 10.0)], 50.0, 0.0);
-        let suspicion = test.likeliest().expect("four blocks of one kind");
+        let suspicion = test.likeliest(|_| None).expect("four blocks of one kind");
         assert_eq!(suspicion.suspect, 2);
         assert!((suspicion.amplitude - 2.0).abs() < 0.01 && (suspicion.share - 0.8).abs() < 0.01);
         assert_eq!(test.believed(2), suspicion.amplitude);
@@ -401,7 +439,7 @@ mod tests {
                 test.take(0, &evidence((&scores, &information, &summed), 100.0, false));
                 test.end();
             }
-            (test.likeliest(), test.moments()[4 * room + 4])
+            (test.likeliest(|_| None), test.moments()[4 * room + 4])
         };
         let (suspicion, moment) = named(220.0);
         assert!(suspicion.is_some_and(|s| s.suspect == 4 && (s.amplitude - 3.0).abs() < 1e-9));
@@ -427,7 +465,7 @@ mod tests {
             test.end();
         }
         // 40 of the group's χ² of 50 beyond its rows
-        let suspicion = test.likeliest().expect("one amplitude in every block");
+        let suspicion = test.likeliest(|_| None).expect("one amplitude in every block");
         assert!(suspicion.suspect == 2 && (suspicion.share - 0.8).abs() < 1e-9);
         // the posterior: 39 units of information against a prior of 100, excess 1.1
         let information = 10.0 * (1.0 + MEMORY + MEMORY.powi(2) + MEMORY.powi(3));
@@ -435,15 +473,44 @@ mod tests {
         assert!(test.moments()[2 * room + 2] > (0.9 * mean).powi(2));
     }
 
+    /// Delay 0 and resonance 4, whose columns have a correlation of 0.37.
+    #[test]
+    fn prop_a_resonance_is_not_called_a_delay_but_a_delay_is() {
+        let room = room_for(1);
+        let named = |delay: f64, square: f64| {
+            let mut test = ScoreTest::new(1, 1, 0);
+            test.prepare(room, |_| 1.0, |_| 0.0);
+            let (mut scores, mut information) = (vec![0.0; room], vec![0.0; room * room]);
+            (information[0], information[4 * room + 4]) = (100.0, 30.0);
+            (information[4], information[4 * room]) = (20.0, 20.0);
+            scores[0] = 100.0 * delay + 20.0 * square;
+            scores[4] = 20.0 * delay + 30.0 * square;
+            for _ in 0..4 {
+                test.begin();
+                test.take(0, &evidence((&scores, &information, &[]), 150.0, true));
+                test.end();
+            }
+            let named = test.likeliest(|s| (s == 4).then_some(0));
+            named.expect("5 standard deviations a block, four blocks of one kind")
+        };
+        // 2.5 standard deviations a block beside the delay
+        let resonance = named(0.4, 0.5);
+        assert!(resonance.suspect == 4 && (resonance.amplitude - 0.5).abs() < 1e-9);
+        assert_eq!(named(0.4, 0.0).suspect, 0);
+        // damping ratio 0.53, and an amplitude of the wrong sign
+        assert_eq!(named(0.8, 0.57).suspect, 0);
+        assert_eq!(named(0.8, -0.6).suspect, 0);
+    }
+
     #[test]
     fn prop_blocks_that_disagree_or_chance_name_nothing() {
         // as large, but of alternating sign
         assert_eq!(
-            after(&[(80.0, 10.0), (-60.0, 10.0), (70.0, 10.0), (-40.0, 10.0)], 50.0, 0.0).likeliest(),
+            after(&[(80.0, 10.0), (-60.0, 10.0), (70.0, 10.0), (-40.0, 10.0)], 50.0, 0.0).likeliest(|_| None),
             None
         );
         assert_eq!(
-            after(&[(3.0, 10.0), (4.0, 10.0), (2.0, 10.0), (3.0, 10.0)], 0.0, 0.0).likeliest(),
+            after(&[(3.0, 10.0), (4.0, 10.0), (2.0, 10.0), (3.0, 10.0)], 0.0, 0.0).likeliest(|_| None),
             None
         );
     }

@@ -271,8 +271,8 @@ impl Residuals for AutoWindowBlock {
         self.own().contradicts_relations(suspect)
     }
 
-    fn is_slow(&self, suspect: usize) -> bool {
-        self.own().is_slow(suspect)
+    fn lags_as(&self, suspect: usize) -> Option<usize> {
+        self.own().lags_as(suspect)
     }
 
     fn imitation(&self, suspect: usize) -> Option<&[f64]> {

@@ -30,6 +30,7 @@ mod standstill;
 mod start;
 mod suspect;
 mod suspect_columns;
+mod suspect_places;
 mod tempo;
 mod theta_polynomial;
 mod through_drive;

@@ -44,37 +44,18 @@ use super::kernel::{Kernels, dot};
 use super::present_terms::{has_jump, has_term};
 use super::spread::{root_mean_square, standard_deviation};
 use super::suspect::{Considered, Suspect, SuspectKind};
+use super::suspect_places::{
+    CLOCK, COSINE, DEAD_BAND, DELAY, FRICTION, GAIN, INERTIA, OFFSET, RESONANCE, SCALE, SINE, SLOW_FRICTION, SPRING,
+    SuspectPlaces, VISCOUS, ZERO, place,
+};
 use super::tempo::tempo;
 use super::through_drive::ThroughDrive;
 use super::trajectory::Trajectory;
 use super::turned::Turned;
 use super::whitening::{Direction, Whitening};
-use crate::estimator::ERRORS_PER_EQUATION;
 use crate::model::{AnyPlant, MAX_JOINTS};
 use std::f64::consts::TAU;
 
-/// Number of errors of each equation, and the index of each.
-const PER_EQUATION: usize = ERRORS_PER_EQUATION;
-const GAIN: usize = 0;
-/// Coulomb friction; friction that falls fast with speed if the model has Coulomb friction.
-const FRICTION: usize = 1;
-/// Eccentricity, by its sine and its cosine.
-const SINE: usize = 2;
-const COSINE: usize = 3;
-const RESONANCE: usize = 4;
-const ZERO: usize = 5;
-const OFFSET: usize = 6;
-/// Friction that falls slowly with speed.
-const SLOW_FRICTION: usize = 7;
-const DEAD_BAND: usize = 8;
-const SPRING: usize = 9;
-const SCALE: usize = 10;
-/// An error of the whole machine; index in the first equation.
-const CLOCK: usize = 11;
-/// An inertia without weight.
-const INERTIA: usize = 12;
-/// Viscous friction.
-const VISCOUS: usize = 13;
 /// u₀, as a share of the input's size.
 const DEAD: f64 = 0.02;
 /// Range of an input in standard deviations of its noise, at least.
@@ -90,8 +71,7 @@ const STRIBECK_SPEEDS: [f64; 2] = [0.2, 0.8];
 #[derive(Debug, Clone)]
 pub(super) struct SuspectColumns {
     considered: Considered,
-    /// The joint of each equation's input.
-    inputs: Vec<usize>,
+    places: SuspectPlaces,
     /// Names of the parameters.
     parameters: Vec<String>,
     /// [equation][suspect][row], and whitened; empty if the error does not affect the equation.
@@ -102,8 +82,6 @@ pub(super) struct SuspectColumns {
     travels: [f64; MAX_JOINTS],
     /// Standard deviation of the noise of each joint's input.
     input_noises: [f64; MAX_JOINTS],
-    /// Equations with Coulomb friction or a similar jump.
-    jumps: Vec<bool>,
     /// Root mean square of the velocity that belongs to each equation, in the first block in which
     /// the joint moved; 0 until then.
     speeds: Vec<f64>,
@@ -138,7 +116,6 @@ impl SuspectColumns {
     ) -> Self {
         let equations = plant.equations();
         let inputs: Vec<usize> = equations.iter().map(|e| e.input).collect();
-        let count = 1 + PER_EQUATION * equations.len();
         let jumps: Vec<bool> = (0..equations.len()).map(|e| has_jump(plant, e, inputs[e])).collect();
         let constant: Vec<bool> = (0..equations.len())
             .map(|e| has_term(plant, e, 0, |_, _| 1.0))
@@ -153,11 +130,10 @@ impl SuspectColumns {
         // one encoder per joint, whatever its number of equations
         let first_of = |of: usize| !inputs[..of].contains(&inputs[of]);
         let touches = |e: usize, suspect: usize| {
-            if suspect == 0 {
+            let Some((of, index)) = SuspectPlaces::within(suspect) else {
                 return plant.input_delay().is_none();
-            }
-            let of = (suspect - 1) / PER_EQUATION;
-            match (suspect - 1) % PER_EQUATION {
+            };
+            match index {
                 OFFSET => of == e && !constant[e],
                 SPRING => of == e && !springs[e],
                 INERTIA => of == e && passes(e, ThroughDrive::has_inertia),
@@ -173,7 +149,7 @@ impl SuspectColumns {
         };
         let columns: Vec<Vec<Vec<f64>>> = (0..equations.len())
             .map(|e| {
-                (0..count)
+                (0..place(equations.len(), 0))
                     .map(|s| if touches(e, s) { vec![0.0; rows] } else { Vec::new() })
                     .collect()
             })
@@ -193,7 +169,6 @@ impl SuspectColumns {
                 .collect(),
             through_drives,
             frictions: jumps.iter().map(|&jumps| [room(true), room(jumps)]).collect(),
-            jumps,
             turns: (0..plant.joints())
                 .map(|j| {
                     let turns = turns && inputs.contains(&j);
@@ -204,7 +179,7 @@ impl SuspectColumns {
             closely: false,
             tempo: tempo(plant),
             velocity_gain: dot(velocity_weights, velocity_weights).sqrt(),
-            inputs,
+            places: SuspectPlaces { inputs, jumps },
         }
     }
 
@@ -217,32 +192,32 @@ impl SuspectColumns {
 
     /// Number of errors, including those without a column.
     pub fn count(&self) -> usize {
-        1 + PER_EQUATION * self.inputs.len()
+        self.places.count()
     }
 
     /// Standard deviation of an error's amplitude, 0 if it is only tested for.
     pub fn std(&self, suspect: usize) -> f64 {
-        let size = self.joint(suspect).map_or(0.0, |joint| self.sizes[joint]);
-        match self.kind(suspect) {
+        let size = self.places.joint(suspect).map_or(0.0, |joint| self.sizes[joint]);
+        match self.places.kind(suspect) {
             // the rows have resolved the default, which depends on the sample period
             SuspectKind::InputDelay => self.considered.input_delay_s.unwrap_or(0.0),
             SuspectKind::Gain => self.considered.gain,
             SuspectKind::Coulomb => self.considered.coulomb * size,
             SuspectKind::Stribeck => self.considered.stribeck * size,
             SuspectKind::Offset => {
-                let noise = self.joint(suspect).map_or(0.0, |joint| self.input_noises[joint]);
+                let noise = self.places.joint(suspect).map_or(0.0, |joint| self.input_noises[joint]);
                 self.considered.offset * size.max(RANGE * noise)
             }
             SuspectKind::DeadBand => self.considered.dead_band * size,
-            SuspectKind::Spring => match self.joint(suspect).map_or(0.0, |joint| self.travels[joint]) {
+            SuspectKind::Spring => match self.places.joint(suspect).map_or(0.0, |joint| self.travels[joint]) {
                 0.0 => 0.0,
                 travel => self.considered.spring * size / travel,
             },
             SuspectKind::Inertia => {
-                let own = self.through_drives[(suspect - 1) / PER_EQUATION].as_ref();
+                let own = SuspectPlaces::within(suspect).and_then(|(e, _)| self.through_drives[e].as_ref());
                 own.map_or(0.0, |own| self.considered.inertia * own.size())
             }
-            SuspectKind::Viscous => match self.speeds[(suspect - 1) / PER_EQUATION] {
+            SuspectKind::Viscous => match SuspectPlaces::within(suspect).map_or(0.0, |(e, _)| self.speeds[e]) {
                 0.0 => 0.0,
                 speed => self.considered.viscous * size / speed,
             },
@@ -257,37 +232,11 @@ impl SuspectColumns {
         }
     }
 
-    /// The joint of an error; `None` for the whole machine.
-    fn joint(&self, suspect: usize) -> Option<usize> {
-        let own = suspect.checked_sub(1).filter(|s| s % PER_EQUATION != CLOCK);
-        own.map(|s| self.inputs[s / PER_EQUATION])
-    }
-
-    fn kind(&self, suspect: usize) -> SuspectKind {
-        match suspect.checked_sub(1).map(|s| s % PER_EQUATION) {
-            None => SuspectKind::InputDelay,
-            Some(GAIN) => SuspectKind::Gain,
-            Some(FRICTION) if self.jumps[(suspect - 1) / PER_EQUATION] => SuspectKind::Stribeck,
-            Some(FRICTION) => SuspectKind::Coulomb,
-            Some(SINE | COSINE) => SuspectKind::Eccentricity,
-            Some(RESONANCE) => SuspectKind::Resonance,
-            Some(ZERO) => SuspectKind::Zero,
-            Some(OFFSET) => SuspectKind::Offset,
-            Some(DEAD_BAND) => SuspectKind::DeadBand,
-            Some(SPRING) => SuspectKind::Spring,
-            Some(INERTIA) => SuspectKind::Inertia,
-            Some(VISCOUS) => SuspectKind::Viscous,
-            Some(SCALE) => SuspectKind::Scale,
-            Some(CLOCK) => SuspectKind::Clock,
-            Some(_) => SuspectKind::Stribeck,
-        }
-    }
-
     /// True if the error can arise while a machine runs: a supply that sags, a belt that slips, a
     /// bus that becomes slower.
     pub fn is_sudden(&self, suspect: usize) -> bool {
         matches!(
-            self.kind(suspect),
+            self.places.kind(suspect),
             SuspectKind::InputDelay
                 | SuspectKind::Gain
                 | SuspectKind::Coulomb
@@ -301,18 +250,18 @@ impl SuspectColumns {
     /// True for a scale, and for a gain without a prior (parameters are in the units that the drive
     /// reports): both are informative only after a change.
     pub fn is_imitated(&self, suspect: usize) -> bool {
-        let kind = self.kind(suspect);
+        let kind = self.places.kind(suspect);
         kind == SuspectKind::Scale || kind == SuspectKind::Gain && self.considered.gain == 0.0
     }
 
     /// True for viscous friction behind an inductance: θ₃ is then off θ₁ θ₄/θ₂.
     pub fn contradicts_relations(&self, suspect: usize) -> bool {
-        self.kind(suspect) == SuspectKind::Viscous
+        self.places.kind(suspect) == SuspectKind::Viscous
     }
 
-    /// True for a resonance, whose column holds for motion well below its frequency.
-    pub fn is_slow(&self, suspect: usize) -> bool {
-        self.kind(suspect) == SuspectKind::Resonance
+    /// The delay, for a resonance.
+    pub fn lags_as(&self, suspect: usize) -> Option<usize> {
+        self.places.lags_as(suspect)
     }
 
     /// The relative changes of the parameters that an error of 1 is equivalent to.
@@ -322,9 +271,9 @@ impl SuspectColumns {
 
     /// Chooses whether there are columns of scales.
     pub fn look_closely(&mut self, closely: bool) {
-        let places = (0..self.inputs.len()).map(|of| 1 + PER_EQUATION * of + SCALE);
+        let scales = (0..self.places.inputs.len()).map(|of| place(of, SCALE));
         for white in self.white.iter_mut().filter(|_| self.closely && !closely) {
-            places.clone().for_each(|place| white[place].fill(0.0));
+            scales.clone().for_each(|scale| white[scale].fill(0.0));
         }
         self.closely = closely;
     }
@@ -340,7 +289,7 @@ impl SuspectColumns {
                 largest: f64::INFINITY,
             });
         }
-        let (kind, joint) = (self.kind(suspect), self.joint(suspect));
+        let (kind, joint) = (self.places.kind(suspect), self.places.joint(suspect));
         let (unit, largest) = match kind {
             SuspectKind::InputDelay => ("s", 0.1),
             SuspectKind::Gain | SuspectKind::Scale | SuspectKind::Clock => ("1", 1.0),
@@ -392,7 +341,7 @@ impl SuspectColumns {
                 (*sine, *cosine) = (sin * *unit, cos * *unit);
             }
         }
-        for (e, &joint) in self.inputs.iter().enumerate() {
+        for (e, &joint) in self.places.inputs.iter().enumerate() {
             let [dead_band, spring] = &mut self.drives[e];
             let dead = (DEAD * self.sizes[joint]).max(f64::MIN_POSITIVE);
             for (dead_band, u) in dead_band.iter_mut().zip(&signals.u[joint][..len]) {
@@ -412,7 +361,7 @@ impl SuspectColumns {
                 for (friction, (dq, q_std)) in friction.iter_mut().zip(dq.iter().zip(q_std)) {
                     *friction = (dq / (standing * q_std)).clamp(-1.0, 1.0);
                 }
-                match self.jumps[e] {
+                match self.places.jumps[e] {
                     false => {}
                     true if *speed == 0.0 => friction.fill(0.0),
                     true => {
@@ -435,13 +384,13 @@ impl SuspectColumns {
     /// Projects the columns that depend on the input and on the sign of the velocity, for one row.
     /// `moments` are ∫ψ^(r) u with the input's scale.
     pub fn project(&mut self, e: usize, row: usize, centre: usize, scale: f64, kernels: &Kernels, moments: [f64; 3]) {
-        let (own, columns) = (1 + PER_EQUATION * e, &mut self.columns[e]);
+        let (own, columns) = (place(e, 0), &mut self.columns[e]);
         let mut put = |suspect: usize, value: f64| {
             if let Some(entry) = columns[suspect].get_mut(row) {
                 *entry = value;
             }
         };
-        put(0, -moments[1]);
+        put(DELAY, -moments[1]);
         put(own + GAIN, -moments[0]);
         put(own + RESONANCE, moments[2]);
         put(own + OFFSET, -scale); // ∫ψ = 1
@@ -462,7 +411,7 @@ impl SuspectColumns {
 
     /// The column of a resonance.
     pub fn resonance(&mut self, e: usize) -> &mut [f64] {
-        &mut self.columns[e][1 + PER_EQUATION * e + RESONANCE]
+        &mut self.columns[e][place(e, RESONANCE)]
     }
 
     /// Projects the columns of an inertia and of viscous friction for one row.
@@ -476,7 +425,7 @@ impl SuspectColumns {
         kernels: &Kernels,
     ) {
         let Some(own) = &self.through_drives[e] else { return };
-        let columns = &mut self.columns[e][1 + PER_EQUATION * e..];
+        let columns = &mut self.columns[e][place(e, 0)..];
         if let Some(inertia) = columns[INERTIA].get_mut(row) {
             *inertia = own.inertia(&signals.q, centre, scale, kernels);
         }
@@ -488,11 +437,11 @@ impl SuspectColumns {
     /// Columns of eccentricities and zeros for one row: `c(joint)` holds −∂f/∂q times the standard
     /// deviations of some positions, and the buffer position of the first.
     pub fn turn<'a>(&mut self, e: usize, row: usize, c: impl Fn(usize) -> (&'a [f64], usize)) {
-        for (of, &joint) in self.inputs.iter().enumerate() {
+        for (of, &joint) in self.places.inputs.iter().enumerate() {
             let (c, first) = c(joint);
             if let (true, Some(entry), Some(scaled)) = (
                 self.closely,
-                self.columns[e][1 + PER_EQUATION * of + SCALE].get_mut(row),
+                self.columns[e][place(of, SCALE)].get_mut(row),
                 self.scaled[joint].get(first..first + c.len()),
             ) {
                 *entry = -dot(c, scaled);
@@ -503,7 +452,7 @@ impl SuspectColumns {
             let [Some(sines), Some(cosines), Some(units)] = turns else {
                 continue;
             };
-            let columns = &mut self.columns[e][1 + PER_EQUATION * of..];
+            let columns = &mut self.columns[e][place(of, 0)..];
             for (at, turns) in [(SINE, sines), (COSINE, cosines), (ZERO, units)] {
                 if let Some(entry) = columns[at].get_mut(row) {
                     *entry = -dot(c, turns);
@@ -515,7 +464,7 @@ impl SuspectColumns {
     /// Whitens the columns of an equation.
     pub fn whiten(&mut self, e: usize, rows: usize, whitening: &mut Whitening) {
         let (columns, closely) = (self.white[e].iter_mut().zip(&self.columns[e]), self.closely);
-        let wanted = |place: &usize| closely || place.checked_sub(1).is_none_or(|s| s % PER_EQUATION != SCALE);
+        let wanted = |place: &usize| closely || SuspectPlaces::within(*place).is_none_or(|(_, index)| index != SCALE);
         let columns = columns
             .enumerate()
             .filter(|(place, (_, raw))| !raw.is_empty() && wanted(place));
@@ -540,10 +489,10 @@ mod tests {
         };
         // the arm's first joint turns about the vertical, so gravity does not depend on its
         // position
-        let place = |_: usize, joint: usize| joint == 1;
-        let suspects = SuspectColumns::new(&Manipulator::default(), considered, &[1.0], |_, _| true, place, 3, 3);
+        let depends = |_: usize, joint: usize| joint == 1;
+        let suspects = SuspectColumns::new(&Manipulator::default(), considered, &[1.0], |_, _| true, depends, 3, 3);
         for equation in 0..2 {
-            let column = |of: usize| &suspects.columns[equation][1 + PER_EQUATION * of + ZERO];
+            let column = |of: usize| &suspects.columns[equation][place(of, ZERO)];
             assert!(column(0).is_empty() && !column(1).is_empty());
         }
     }

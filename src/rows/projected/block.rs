@@ -148,8 +148,8 @@ impl Residuals for ProjectedBlock {
         self.rows.suspects.contradicts_relations(suspect)
     }
 
-    fn is_slow(&self, suspect: usize) -> bool {
-        self.rows.suspects.is_slow(suspect)
+    fn lags_as(&self, suspect: usize) -> Option<usize> {
+        self.rows.suspects.lags_as(suspect)
     }
 
     fn imitation(&self, suspect: usize) -> Option<&[f64]> {

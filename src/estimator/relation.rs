@@ -18,8 +18,8 @@
 //! leave possible. Published is θ_W, which is right if there is no such error, with its second
 //! moment about θ_W: that is (2). Without such errors both are the same.
 //!
-//! Nothing is imposed if ρ is not known to within half the size of its products, or if the result
-//! would leave the bounds. If ρ is more than [`CONTRADICTION`] standard deviations from 0, the data
+//! Nothing is imposed if ρ is not known to within half the size of its products by W, or if the
+//! result would leave the bounds. If ρ is more than [`CONTRADICTION`] standard deviations from 0, the data
 //! contradict the relation: the model lacks a term, and the block is a misfit. Viscous friction
 //! behind an inductance does this, though the nine parameters fit the data.
 
@@ -30,7 +30,7 @@ use super::linalg::dot;
 /// |ρ| over its standard deviation above which the data contradict the relation. If no error is
 /// considered, that happens by chance in one run of 2000.
 const CONTRADICTION: f64 = 3.5;
-/// Standard deviation of ρ, relative to its products, above which nothing is imposed.
+/// Standard deviation of ρ by W, relative to its products, above which nothing is imposed.
 const OPEN: f64 = 0.5;
 const ITERATIONS: usize = 20;
 
@@ -120,12 +120,15 @@ impl Published {
         let (mean, nearest) = (&mut self.mean[..n], &mut self.nearest[..n]);
         let relation = Relation(indices);
         relation.gradient(own, a);
-        let row = |p: usize| dot(&covariance[p * n..(p + 1) * n], a);
-        let std = (0..n).map(|p| a[p] * row(p)).sum::<f64>().max(0.0).sqrt();
-        if !(std > 0.0 && std < OPEN * relation.size(own)) {
+        let std = |of: &[f64]| {
+            let row = |p: usize| dot(&of[p * n..(p + 1) * n], a);
+            (0..n).map(|p| a[p] * row(p)).sum::<f64>().max(0.0).sqrt()
+        };
+        let known = std(weights);
+        if !(known > 0.0 && known < OPEN * relation.size(own)) {
             return false;
         }
-        if relation.rho(own).abs() >= CONTRADICTION * std {
+        if relation.rho(own).abs() >= CONTRADICTION * std(covariance) {
             return true;
         }
         let bounds = || group.lower.iter().zip(&group.upper);

@@ -57,7 +57,7 @@ impl Projection {
             rows: WhitenedRows::new(&block, rows, covariance.bandwidth()),
             smoothed: SmoothedSignals::new(&block, rows),
             regressor_noise: RegressorNoise::new(&block, rows),
-            tail: Tail::new(form),
+            tail: Tail::new(form, block.samples.block_len()),
             column_noise: vec![ColumnNoise::new(&block, rows); form.equations()],
             theta: vec![0.0; form.plant.parameters().len()],
             covariance,

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! f_k(θ) = s ∫ψ_k u − Σ_d (−1)^d ∫ψ_k^(d) g_d(q, q̇; θ)
-//! ψ_k of `end_kernel.rs`: 3/2, 1, 1/2 and 1/4 of a regular window
+//! ψ_k of `end_kernel.rs`: 3/2, 1, 1/2 and 1/4 of a regular window, or of 0.1 s if that is wider
 //! var f_k = Σ c_k² σ_q² + s² σ_u² Σ w_k² + the variance of jumps and repaired inputs
 //! ```
 //!
@@ -26,6 +26,10 @@ use crate::rows::theta_polynomial::MAX_ORDER;
 
 /// Windows per equation.
 const COUNT: usize = 4;
+/// Width that they are derived from if the regular windows are narrower \[s\], unless the block is
+/// shorter than this many half widths.
+const LEAST_S: f64 = 0.1;
+const LEAST_SHARE: f64 = 8.0;
 /// The fewest intervals of a window.
 const SHORTEST: usize = 16;
 /// Samples at the end that cannot yet be distinguished from spikes, in a block that has some.
@@ -56,11 +60,13 @@ pub(super) struct Tail {
 }
 
 impl Tail {
-    /// The windows at the end, besides the regular ones of a plant.
-    pub fn new(form: &WeakForm) -> Self {
+    /// The windows at the end of a block of `block_len` samples, besides the regular ones of a plant.
+    pub fn new(form: &WeakForm, block_len: usize) -> Self {
         let (half, velocity_half) = (form.kernels.half, form.velocity.half);
         let (options, separation, joints) = (&form.options, &form.separation, form.plant.joints());
         let (period_s, order) = (options.sample_period_s, highest_order(&*form.plant) + 1);
+        let least = (0.5 * LEAST_S / period_s).min(block_len as f64 / LEAST_SHARE) as usize;
+        let half = half.max(least);
         let kernels: Vec<EndKernels> = [3 * half, 2 * half, half, half / 2]
             .map(|intervals| {
                 let count = intervals.max(SHORTEST) + 1;

@@ -225,9 +225,14 @@ where
     }
 }
 
-/// Start and limit of a delay to be identified \[s\].
+/// Start and limit of a delay to be identified \[s\]. Records are often one sample off
+/// (`Considered::input_delay_std_s`). A wider limit lets noise choose the delay in the first blocks,
+/// if the motion hardly shows it; what is learnt there is far too certain, because the rows are not
+/// linear in it.
 fn delay(form: &FileForm) -> Option<(f64, f64)> {
     let section = &form.projected;
     let wanted = form.identifier.rows == RowsKind::Projected && section.estimate_input_delay;
-    wanted.then_some((section.input_delay_s, section.input_delay_limit_s))
+    let start_s = section.input_delay_s;
+    let usual_s = || start_s.abs() + (2.0 * form.plant.sample_period_s).max(1e-3);
+    wanted.then(|| (start_s, section.input_delay_limit_s.unwrap_or_else(usual_s)))
 }

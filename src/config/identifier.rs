@@ -165,8 +165,10 @@ fn projected(form: &FileForm, linear: bool, joints: usize, check: &mut Check<'_>
         }
         return None;
     }
-    let limit = section.input_delay_limit_s;
-    if section.estimate_input_delay && section.input_delay_s.abs() > limit {
+    let too_small = |limit: &f64| section.input_delay_s.abs() > *limit;
+    if section.estimate_input_delay
+        && let Some(limit) = section.input_delay_limit_s.filter(too_small)
+    {
         let message = format!("expected at least the magnitude of input_delay_s, got {limit}");
         check.wrong("identifier.projected.input_delay_limit_s", message);
         return None;

@@ -19,7 +19,8 @@
 //! A term is named if z exceeds [`NAMED`] and y [`REPEATED`]. With a dozen terms and about a
 //! hundred blocks in memory, a right model has one named by chance once in 1e6 runs; the rest of
 //! the margin is for errors of quadrature and filters. If several pass, the one that explains most
-//! is the likeliest.
+//! is the likeliest. A resonance delays slow motion by τ = 2ζ/ω, so it is named in place of the
+//! delay if its column says so beside it ([`BESIDE`]).
 //!
 //! **Posterior.** Even before a term is named, σ allows for the possible terms. With the prior N(0,
 //! Σ), Σ = diag(σ_s²), U_g and I_g over all terms at once, and X_g the larger of x_g and the ratio

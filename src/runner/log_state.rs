@@ -81,11 +81,12 @@ impl LogState {
         if (status.missing, status.rejected) != (self.missing, self.rejected) {
             let missing = status.missing.saturating_sub(self.missing);
             let rejected = status.rejected.saturating_sub(self.rejected);
+            let refused = status.rejected > 0;
             tracing::warn!(
                 missing,
                 rejected,
                 last_seq = status.last_seq,
-                so_far = %status.faults,
+                so_far = refused.then(|| tracing::field::display(&status.faults)),
                 last = status.error.words(),
                 "samples were lost or refused"
             );

@@ -66,8 +66,8 @@ table! {
             "The recorded input acts on the plant this much later; negative where it was recorded late";
         estimate_input_delay: bool = false, Kind::Flag, "",
             "Identify the delay too, as the parameter input_delay [s], starting at input_delay_s";
-        input_delay_limit_s: f64 = 5e-3, Kind::Real(POSITIVE), "s",
-            "Largest magnitude of an identified delay";
+        input_delay_limit_s: Option<f64> = None, Kind::Real(POSITIVE), "s",
+            "Largest magnitude of an identified delay, best as small as is safe, because in slow motion a delay looks like an inertia; not set: two sample periods, and at least 1e-3 s, beyond the magnitude of input_delay_s";
         position_resolution: Option<Vec<f64>> = None, Kind::Reals(Len::From(1, 8), NOT_NEGATIVE), "rad or m",
             "One count of the encoders, one number for all joints or one per joint; 0 if positions are not rounded";
         position_noise: Option<Vec<f64>> = None, Kind::Reals(Len::From(1, 8), NOT_NEGATIVE), "rad or m",

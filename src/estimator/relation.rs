@@ -19,9 +19,9 @@
 //! moment about θ_W: that is (2). Without such errors both are the same.
 //!
 //! Nothing is imposed if ρ is not known to within half the size of its products by W, or if the
-//! result would leave the bounds. If ρ is more than [`CONTRADICTION`] standard deviations from 0, the data
-//! contradict the relation: the model lacks a term, and the block is a misfit. Viscous friction
-//! behind an inductance does this, though the nine parameters fit the data.
+//! result would leave the bounds. If ρ is more than [`CONTRADICTION`] standard deviations from 0,
+//! the data contradict the relation: the model lacks a term, and the block is a misfit. Viscous
+//! friction behind an inductance does this, though the nine parameters fit the data.
 
 use super::group::GroupState;
 use super::groups::Groups;

@@ -60,7 +60,7 @@ pub(super) struct Tail {
 }
 
 impl Tail {
-    /// The windows at the end of a block of `block_len` samples, besides the regular ones of a plant.
+    /// The windows at the end of a block of `block_len` samples.
     pub fn new(form: &WeakForm, block_len: usize) -> Self {
         let (half, velocity_half) = (form.kernels.half, form.velocity.half);
         let (options, separation, joints) = (&form.options, &form.separation, form.plant.joints());

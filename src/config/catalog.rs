@@ -225,9 +225,9 @@ where
     }
 }
 
-/// Start and limit of a delay to be identified \[s\]. Records are often one sample off. A wider limit
-/// lets noise choose the delay in the first blocks, if the motion hardly shows it; what is learnt
-/// there is far too certain, because the rows are not linear in it.
+/// Start and limit of a delay to be identified \[s\]. Records are often one sample off. A wider
+/// limit lets noise choose the delay in the first blocks, if the motion hardly shows it; what is
+/// learnt there is far too certain, because the rows are not linear in it.
 fn delay(form: &FileForm) -> Option<(f64, f64)> {
     let section = &form.projected;
     let wanted = form.identifier.rows == RowsKind::Projected && section.estimate_input_delay;

@@ -88,7 +88,7 @@ impl Default for Considered {
     /// The errors of a good installation. Delay: a quarter of the sample period, so that a record
     /// that is one sample late lies within four standard deviations. Gain: 0, because parameters
     /// are in the units that the drive reports. Coulomb friction: 1 % of the input, friction that
-    /// falls with speed: 2 %, offset: 0.1 %. Inertia: 1 % of the joint's. Viscous friction: 0.3 %
+    /// falls with speed: 2 %, offset: 0.1 %. Inertia: 1 % of the joint's. Viscous friction: 0.03 %
     /// of the input. Resonance: 70 Hz. Drift: 0.6 % in a minute. Zero: 1 mrad, 0.06°. Eccentricity:
     /// 0.05 mrad, 10″. With motion that shows an error, σ becomes what it is without the error;
     /// with other motion, σ includes its possible effect.
@@ -102,7 +102,7 @@ impl Default for Considered {
             dead_band: 3e-3,
             spring: 1e-2,
             inertia: 1e-2,
-            viscous: 3e-3,
+            viscous: 3e-4,
             resonance_hz: 70.0,
             drift_per_s: 1e-4,
             zero_rad: 1e-3,

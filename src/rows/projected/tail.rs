@@ -26,10 +26,10 @@ use crate::rows::theta_polynomial::MAX_ORDER;
 
 /// Windows per equation.
 const COUNT: usize = 4;
-/// Width that they are derived from if the regular windows are narrower \[s\], unless the block is
-/// shorter than this many half widths.
+/// Width that they are derived from if the regular windows are narrower \[s\], and the share of the
+/// block that it may take.
 const LEAST_S: f64 = 0.1;
-const LEAST_SHARE: f64 = 8.0;
+const LEAST_SHARE: f64 = 0.25;
 /// The fewest intervals of a window.
 const SHORTEST: usize = 16;
 /// Samples at the end that cannot yet be distinguished from spikes, in a block that has some.
@@ -65,7 +65,7 @@ impl Tail {
         let (half, velocity_half) = (form.kernels.half, form.velocity.half);
         let (options, separation, joints) = (&form.options, &form.separation, form.plant.joints());
         let (period_s, order) = (options.sample_period_s, highest_order(&*form.plant) + 1);
-        let least = (0.5 * LEAST_S / period_s).min(block_len as f64 / LEAST_SHARE) as usize;
+        let least = (0.5 * (LEAST_S / period_s).min(LEAST_SHARE * block_len as f64)) as usize;
         let half = half.max(least);
         let kernels: Vec<EndKernels> = [3 * half, 2 * half, half, half / 2]
             .map(|intervals| {

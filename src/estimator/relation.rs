@@ -18,10 +18,10 @@
 //! leave possible. Published is θ_W, which is right if there is no such error, with its second
 //! moment about θ_W: that is (2). Without such errors both are the same.
 //!
-//! Nothing is imposed if ρ is not known to within half the size of its products by W, or if the
-//! result would leave the bounds. If ρ is more than [`CONTRADICTION`] standard deviations from 0,
-//! the data contradict the relation: the model lacks a term, and the block is a misfit. Viscous
-//! friction behind an inductance does this, though the nine parameters fit the data.
+//! Nothing is imposed if W gives ρ a standard deviation of half the size of its products or more,
+//! or if the result would leave the bounds. If ρ is more than [`CONTRADICTION`] standard deviations
+//! from 0, the data contradict the relation: the model lacks a term, and the block is a misfit.
+//! Viscous friction behind an inductance does this, though the nine parameters fit the data.
 
 use super::group::GroupState;
 use super::groups::Groups;
@@ -30,7 +30,7 @@ use super::linalg::dot;
 /// |ρ| over its standard deviation above which the data contradict the relation. If no error is
 /// considered, that happens by chance in one run of 2000.
 const CONTRADICTION: f64 = 3.5;
-/// Standard deviation of ρ by W, relative to its products, above which nothing is imposed.
+/// Standard deviation that W gives ρ, relative to its products, above which nothing is imposed.
 const OPEN: f64 = 0.5;
 const ITERATIONS: usize = 20;
 

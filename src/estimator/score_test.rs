@@ -52,8 +52,8 @@ const REPEATED: f64 = 3.0;
 /// Standard deviations, and ratio as above, above which σ allows for a term.
 const BELIEVED: f64 = 4.0;
 const REPEATED_BELIEVED: f64 = 2.0;
-/// Standard deviations of a resonance beside a delay above which the two are a resonance. The delay
-/// has been named, so this only chooses between two names.
+/// Standard deviations of a resonance beside a delay above which the resonance is named. That one
+/// of the two is there has been shown already, so this only chooses the name.
 const BESIDE: f64 = 3.5;
 /// Share of all χ² that a term must explain if the noise was learnt.
 const OF_ALL: f64 = 0.2;
@@ -239,8 +239,11 @@ impl ScoreTest {
         let in_sums = (0..self.summed.len()).filter_map(|s| self.judge_sums(s));
         let likeliest = largest(&mut all.filter(Judged::counts)).map(|likeliest| {
             let terms = (0..self.summed.len()).filter(|&s| lags_as(s) == Some(likeliest.suspect));
-            let beside = terms.filter_map(|s| self.judge_beside(s, &likeliest));
-            largest(&mut beside.filter(|j| j.suspicion.deviations > BESIDE)).unwrap_or(likeliest)
+            let beside = terms.filter_map(|s| self.resonance_beside(s, &likeliest));
+            let named = beside.filter(|resonance| resonance.deviations > BESIDE);
+            named
+                .max_by(|a, b| a.deviations.total_cmp(&b.deviations))
+                .unwrap_or(likeliest)
         });
         likeliest.or_else(|| largest(&mut in_sums.filter(significant).filter(|j| j.suspicion.share > OF_ALL)))
     }
@@ -304,7 +307,7 @@ impl ScoreTest {
 
     /// A resonance beside the delay, which explains the same in slow motion. `None` if the two
     /// together are no resonance of damping ratio ζ below a half: â = 1/ω², τ = 2 ζ/ω.
-    fn judge_beside(&self, suspect: usize, delay: &Suspicion) -> Option<Judged> {
+    fn resonance_beside(&self, suspect: usize, delay: &Suspicion) -> Option<Suspicion> {
         let (room, lag) = (self.std.len(), delay.suspect);
         let [mut score, mut information, mut both, mut score_lag, mut information_lag] = [0.0; 5];
         for group in &self.groups {
@@ -317,19 +320,13 @@ impl ScoreTest {
         score -= both / information_lag * score_lag;
         information -= both / information_lag * both;
         let amplitude = score / information;
-        let judged = Judged {
-            explained: score * amplitude,
-            blocks: 0.0,
-            repeated: 0.0,
-            told: false,
-            suspicion: Suspicion {
-                suspect,
-                amplitude,
-                deviations: score / information.sqrt(),
-                ..*delay
-            },
+        let resonance = Suspicion {
+            suspect,
+            amplitude,
+            deviations: score / information.sqrt(),
+            ..*delay
         };
-        (information > 0.0 && amplitude > delay.amplitude.powi(2)).then_some(judged)
+        (information > 0.0 && amplitude > delay.amplitude.powi(2)).then_some(resonance)
     }
 
     /// The same for sums of rows, whose scatter is their noise.

@@ -118,9 +118,9 @@ pub fn run(args: &RunArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         );
         return Ok(Exit::DataLoss);
     }
-    // the simulator leaves out samples if it is told to
-    let meant = config.plant.sim.sensors.loss_probability > 0.0;
-    let incomplete = lost || samples.missing > 0 && !meant;
+    // samples that the simulator drops because it is told to are not lost
+    let dropped = config.plant.sim.sensors.loss_probability > 0.0;
+    let incomplete = lost || samples.missing > 0 && !dropped;
     if lockstep && incomplete {
         tracing::error!("data were lost in a run in which nothing may be lost; the warnings above tell where");
     }

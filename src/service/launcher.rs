@@ -118,9 +118,7 @@ pub fn run(args: &RunArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         );
         return Ok(Exit::DataLoss);
     }
-    // samples that the simulator drops because it is told to are not lost
-    let dropped = config.plant.sim.sensors.loss_probability > 0.0;
-    let incomplete = lost || samples.missing > 0 && !dropped;
+    let incomplete = lost || samples.missing > 0;
     if lockstep && incomplete {
         tracing::error!("data were lost in a run in which nothing may be lost; the warnings above tell where");
     }

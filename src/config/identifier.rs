@@ -52,6 +52,7 @@ fn considered(form: &FileForm, linear: bool) -> Considered {
         spring: section.spring,
         inertia: section.inertia,
         viscous: section.viscous,
+        friction_in_back_emf: section.friction_in_back_emf,
         resonance_hz: section.resonance_hz,
         drift_per_s: section.drift_per_s,
         zero_rad: section.zero_rad,

@@ -100,6 +100,8 @@ pub struct Considered {
     imitated: Vec<bool>,
     /// Errors that make the parameters contradict a relation.
     pub(super) contradicting: Vec<bool>,
+    /// Variance of each parameter due to errors that no rows tell from it.
+    pub(super) inseparable: Vec<f64>,
     summed: SummedRows,
     // scratch
     columns: Vec<f64>,
@@ -170,6 +172,7 @@ impl Considered {
             information: vec![0.0; room * room],
             imitated: vec![false; room],
             contradicting: vec![false; room],
+            inseparable: vec![0.0; n],
             summed: SummedRows::new(n, first),
             columns: vec![0.0; room],
             active: vec![0; room],
@@ -211,8 +214,11 @@ impl Considered {
         own.for_each(|t| *t = 0.0);
     }
 
-    /// Adopts the errors of the rows.
-    pub fn begin(&mut self, rows: &dyn Summable) {
+    /// Adopts the errors of the rows, for these parameters among all and those that are `fixed`.
+    pub fn begin(&mut self, rows: &dyn Summable, parameters: Range<usize>, fixed: &[bool]) {
+        for ((i, fixed), variance) in parameters.zip(fixed).zip(&mut self.inseparable) {
+            *variance = if *fixed { 0.0 } else { rows.inseparable_std(i).powi(2) };
+        }
         self.known = rows.suspects().min(self.drifts.start).min(self.scores.len());
         self.count = if self.drifts.is_empty() {
             self.known

@@ -1,9 +1,12 @@
 //! What considered errors add to a covariance.
 //!
 //! ```text
-//! P_pub = P + T M Tᵀ              all errors                                   (d) of considered.rs
+//! P_pub = P + T M Tᵀ + D          all errors                                   (d) of considered.rs
 //! W     = P + T_W M_W T_Wᵀ        without drifts and errors that contradict relations between parameters
 //! ```
+//!
+//! D is diagonal: the variance due to errors that act exactly like a parameter, such as viscous
+//! friction b, which is R b/kₘ more back EMF. No rows tell them apart, so D never shrinks.
 //!
 //! W weighs the parameters if a relation is imposed on them (`relation.rs`). How far a moving
 //! parameter may lag, or how far viscous friction may have pushed θ₃ off θ₁ θ₄/θ₂, is no measure of
@@ -28,9 +31,12 @@ impl Considered {
         self.widen_by(self.known, true, covariance);
     }
 
-    /// Adds T M Tᵀ of (d).
+    /// Adds T M Tᵀ of (d), and D.
     pub fn widen(&mut self, covariance: &mut [f64]) {
         self.widen_by(self.count, false, covariance);
+        for (i, variance) in self.inseparable.iter().enumerate() {
+            covariance[i * self.n + i] += variance;
+        }
     }
 
     fn widen_by(&mut self, count: usize, agreeing: bool, covariance: &mut [f64]) {

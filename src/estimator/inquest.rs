@@ -33,14 +33,15 @@
 //! An error is named if no other explains the rows about as well, and if either the rows
 //! distinguish a change of this size from none in more than half of the directions (a machine at
 //! rest shows one direction, which every cause explains), or the error has explained some blocks of
-//! motion. Once it has explained more of these, a further change leaves its groups without a
+//! motion. If changed parameters are plausible and explain the rows about as well, both are named.
+//! Once the error has explained more blocks of motion, a further change leaves its groups without a
 //! reference, and only (c) clears them.
 
 use super::considered::PER_EQUATION;
 use super::group::GroupState;
 use super::inquiry::{Comparison, REFUTED};
 use super::persist::Visit;
-use super::score_test::Suspicion;
+use super::suspicion::Suspicion;
 
 /// Blocks of motion after which an error that alone explains the change is named, and after which
 /// another change leaves nothing to compare with.
@@ -50,6 +51,15 @@ const SURE: u32 = 4;
 const SEEN: f64 = 5.0;
 /// χ² by which an error must explain more than any other to be named.
 const ALONE: f64 = 10.0;
+
+/// An error that explains the last change.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Cause {
+    /// The error, of the amplitude that explains the change.
+    pub error: Suspicion,
+    /// Changed parameters explain it about as well, and are plausible.
+    pub or_parameters: bool,
+}
 
 /// State of the inquest into the last change.
 #[derive(Debug, Clone)]
@@ -66,7 +76,7 @@ pub struct Inquest {
     /// Number of blocks for which an error has explained the change, and whether one is named.
     blocks: u32,
     named: bool,
-    cause: Option<Suspicion>,
+    cause: Option<Cause>,
     // scratch
     compared: Vec<Option<Comparison>>,
 }
@@ -85,7 +95,16 @@ enum Found {
     Plant,
     /// Changed parameters alone, but all of a group.
     Everything,
-    Error(Suspicion, bool),
+    Error(Likely),
+}
+
+/// An error that explains the rows since a change.
+struct Likely {
+    error: Suspicion,
+    /// χ² by which the next error explains less.
+    lead: f64,
+    /// χ² by which changed parameters explain less.
+    lead_over_parameters: f64,
 }
 
 /// The error that leaves least of the rows unexplained, and what the next one leaves.
@@ -119,7 +138,11 @@ impl Likeliest {
         let error = self
             .error
             .filter(|error| self.least <= limit && error.deviations > SEEN)?;
-        Some(Found::Error(error, self.second - self.least > ALONE))
+        Some(Found::Error(Likely {
+            error,
+            lead: self.second - self.least,
+            lead_over_parameters: -self.least,
+        }))
     }
 }
 
@@ -180,7 +203,7 @@ impl Inquest {
     }
 
     /// The error that explains the change.
-    pub fn cause(&self) -> Option<Suspicion> {
+    pub fn cause(&self) -> Option<Cause> {
         self.cause
     }
 
@@ -262,7 +285,7 @@ impl Inquest {
                 self.withheld |= self.asked(|_| true);
                 (self.ambiguous, self.named) = (0, false);
             }
-            Some(Found::Error(error, alone)) => self.suspect(error, alone),
+            Some(Found::Error(likely)) => self.suspect(&likely),
         }
         if self.lost == 0 && !self.named {
             self.cause = None;
@@ -328,17 +351,22 @@ impl Inquest {
             .all(|c| c.plausible || c.is_nothing())
     }
 
-    /// Records that an error explains the rows, `alone` or not.
-    fn suspect(&mut self, error: Suspicion, alone: bool) {
+    /// Records that an error explains the rows.
+    fn suspect(&mut self, likely: &Likely) {
         let changed = self.asked(|c| !c.is_nothing());
         self.withheld &= !self.asked(|_| true);
         self.withheld |= if changed == 0 { self.asked(|_| true) } else { changed };
-        self.ambiguous = if self.may_be_the_plant() { self.withheld } else { 0 };
+        let plausible = self.may_be_the_plant();
+        self.ambiguous = if plausible { self.withheld } else { 0 };
         let moves = self.asked(|c| c.moves) & self.withheld != 0;
         self.blocks = if moves { self.blocks.saturating_add(1) } else { 0 };
         let tells = self.asked(|c| c.tells) & self.withheld != 0;
+        let alone = likely.lead > ALONE;
         self.named = alone && (tells || self.blocks >= LONG) || self.blocks >= SURE;
-        self.cause = self.named.then_some(error);
+        self.cause = self.named.then_some(Cause {
+            error: likely.error,
+            or_parameters: plausible && likely.lead_over_parameters <= ALONE,
+        });
     }
 
     /// Clears all groups: the plant has changed, or nothing has.

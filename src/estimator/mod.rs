@@ -60,6 +60,7 @@ mod sizes;
 mod state;
 pub(crate) mod stats;
 mod summed_rows;
+mod suspicion;
 mod workspace;
 mod wrls;
 
@@ -68,6 +69,7 @@ pub use bound::{CovarianceBound, Factor, Polynomial, Rational};
 pub use considered::PER_EQUATION as ERRORS_PER_EQUATION;
 pub use explained::LEAST_EXPLAINED;
 pub use fit_statistic::MISFIT;
+pub use inquest::Cause;
 pub use offline::{BatchReport, batch_least_squares};
 pub use options::{Bound, ChangeDetection, EstimatorError, EstimatorOptions, Forgetting, Outliers, forgetting_factor};
 pub use persist::{EstimatorState, StateError};
@@ -77,8 +79,8 @@ pub use presets::{
 pub(crate) use prior::starts;
 pub use prior::{EquationNoise, ParameterPrior};
 pub use report::{Change, ChangeKind, Held, Report};
-pub use score_test::Suspicion;
 pub use state::{Phase, StateMachine, Verdict};
+pub use suspicion::Suspicion;
 pub use wrls::{Wrls, WrlsError};
 
 use std::ops::Range;
@@ -218,6 +220,11 @@ pub trait Residuals {
     /// ([`EstimatorOptions::relations`]), though they describe the data.
     fn contradicts_relations(&self, _suspect: usize) -> bool {
         false
+    }
+    /// Standard deviation of what parameter i holds of an error that acts exactly like it: no rows
+    /// tell them apart, so the published covariance always contains it.
+    fn inseparable_std(&self, _parameter: usize) -> f64 {
+        0.0
     }
     /// For a resonance, the input delay, because a resonance delays slow motion as well. The column
     /// of a resonance is the first term of a series, which holds for slow motion only

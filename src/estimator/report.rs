@@ -4,10 +4,11 @@ use super::Structure;
 use super::fit::Fit;
 use super::group::GroupState;
 use super::groups::Groups;
+use super::inquest::Cause;
 use super::options::EstimatorOptions;
 use super::pass::Summable;
 use super::relation::Published;
-use super::score_test::Suspicion;
+use super::suspicion::Suspicion;
 
 /// Three relative standard deviations below which a parameter counts as usable.
 const USABLE: f64 = 0.05;
@@ -144,7 +145,7 @@ pub struct Report {
     /// `inquest.rs`: no parameter of the groups that showed it is usable.
     pub unclear: bool,
     /// The error of a drive or a sensor that explains the last change.
-    pub fault: Option<Suspicion>,
+    pub fault: Option<Cause>,
     /// Why there is no new estimate.
     pub held: Option<Held>,
 }

@@ -43,6 +43,7 @@ use super::linalg::Cholesky;
 use super::persist::Visit;
 use super::score_sums::{ENOUGH, GroupEvidence, GroupScores, MEMORY, Term};
 use super::summed_rows::SummedScore;
+use super::suspicion::{Judged, Suspicion};
 
 /// Standard deviations above which a term is named.
 const NAMED: f64 = 6.0;
@@ -55,25 +56,11 @@ const REPEATED_BELIEVED: f64 = 2.0;
 /// Standard deviations of a resonance beside a delay above which the resonance is named. That one
 /// of the two is there has been shown already, so this only chooses the name.
 const BESIDE: f64 = 3.5;
-/// Share of all χ² that a term must explain if the noise was learnt.
-const OF_ALL: f64 = 0.2;
-
-/// A term that the model lacks, with its evidence.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Suspicion {
-    /// Which error of [`Residuals::suspects`](super::Residuals::suspects); larger than these if a
-    /// parameter drifts.
-    pub suspect: usize,
-    /// The drifting parameter, if that is the cause; the amplitude is then its relative rate
-    /// \[1/s\].
-    pub drifting: Option<usize>,
-    /// Its amplitude if it is the only missing term.
-    pub amplitude: f64,
-    /// |z|: standard deviations that the amplitude is from 0.
-    pub deviations: f64,
-    /// Share of the misfit that it would explain, 0 to 1.
-    pub share: f64,
-}
+/// χ² per row below which nothing is named: R is then too large, as while slow motion holds the
+/// rounding error of a position for many samples. Smoothed signals keep a part of their noise
+/// (`projected/errors_in_variables.rs`), which the columns share with the residuals, so scores have
+/// a mean without any missing term.
+const QUIET: f64 = 0.65;
 
 /// The sums of every term.
 #[derive(Debug, Clone)]
@@ -230,7 +217,7 @@ impl ScoreTest {
     /// The likeliest term, if any is significant; `lags_as(s)` is the delay that term s looks like
     /// in slow motion.
     pub fn likeliest(&self, lags_as: impl Fn(usize) -> Option<usize>) -> Option<Suspicion> {
-        let significant = |j: &Judged| j.blocks >= ENOUGH && j.is_beyond(NAMED, REPEATED);
+        let significant = |j: &Judged| j.blocks >= ENOUGH && j.is_beyond(NAMED, REPEATED) && j.level > QUIET;
         let largest = |judged: &mut dyn Iterator<Item = Judged>| {
             let likeliest = judged.max_by(|a, b| a.explained.total_cmp(&b.explained));
             likeliest.map(|judged| judged.suspicion)
@@ -245,13 +232,13 @@ impl ScoreTest {
                 .max_by(|a, b| a.deviations.total_cmp(&b.deviations))
                 .unwrap_or(likeliest)
         });
-        likeliest.or_else(|| largest(&mut in_sums.filter(significant).filter(|j| j.suspicion.share > OF_ALL)))
+        likeliest.or_else(|| largest(&mut in_sums.filter(significant).filter(Judged::explains_much)))
     }
 
     /// â² + 1/I of a term that sums of rows show, 0 for others.
     fn seen_in_sums(&self, suspect: usize) -> f64 {
         let judged = self.judge_sums(suspect);
-        let counts = |j: &Judged| j.is_beyond(BELIEVED, REPEATED_BELIEVED) && j.suspicion.share > OF_ALL;
+        let counts = |j: &Judged| j.is_beyond(BELIEVED, REPEATED_BELIEVED) && j.explains_much();
         judged.filter(counts).map_or(0.0, |j| {
             j.suspicion.amplitude.powi(2) + 1.0 / self.summed[suspect].information
         })
@@ -279,18 +266,20 @@ impl ScoreTest {
             information += term.information / x;
         }
         let amplitude = score / information;
-        let (mut scatter, mut explained, mut misfit) = (0.0, 0.0, 0.0);
+        let (mut scatter, mut explained, mut misfit, mut level) = (0.0, 0.0, 0.0, 0.0);
         let (mut blocks, mut told) = (0.0_f64, true);
         for group in informed() {
             let (term, x) = (&group.terms[suspect], group.excess_with(suspect));
             scatter += term.scatter(amplitude).max(1e-12 * term.score_square) / (x * x);
             explained += amplitude * (2.0 * term.score - amplitude * term.information);
             misfit += group.misfit - if group.told { group.freedom } else { 0.0 };
+            level += term.information / x / information * group.misfit / group.freedom.max(1.0);
             blocks = blocks.max(term.blocks);
             told &= group.told;
         }
         let judged = Judged {
             explained,
+            level,
             blocks,
             repeated: score.abs() / scatter.sqrt(),
             told,
@@ -337,6 +326,8 @@ impl ScoreTest {
         let scatter = term.scatter(amplitude).max(1e-12 * term.score_square);
         let judged = Judged {
             explained,
+            // sums of rows are in units of their own scatter
+            level: 1.0,
             blocks: term.blocks,
             repeated: term.score.abs() / scatter.sqrt(),
             told: false,
@@ -349,31 +340,6 @@ impl ScoreTest {
             },
         };
         (term.information > 0.0 && amplitude.is_finite() && scatter > 0.0).then_some(judged)
-    }
-}
-
-/// The evidence for one term.
-struct Judged {
-    /// χ² that it would take away.
-    explained: f64,
-    /// Exponentially weighted number of informative blocks.
-    blocks: f64,
-    /// y.
-    repeated: f64,
-    /// The noise of all its rows was specified.
-    told: bool,
-    suspicion: Suspicion,
-}
-
-impl Judged {
-    /// If the noise level was learnt from the residuals, these contain many effects, so a term that
-    /// explains little of them does not count.
-    fn counts(&self) -> bool {
-        self.told || self.suspicion.share > OF_ALL
-    }
-
-    fn is_beyond(&self, deviations: f64, repeated: f64) -> bool {
-        self.suspicion.deviations > deviations && self.repeated > repeated
     }
 }
 
@@ -498,6 +464,14 @@ mod tests {
         // damping ratio 0.53, and an amplitude of the wrong sign
         assert_eq!(named(0.8, 0.57).suspect, 0);
         assert_eq!(named(0.8, -0.6).suspect, 0);
+    }
+
+    #[test]
+    fn prop_residuals_far_below_the_noise_name_nothing() {
+        let scores = [(20.0, 10.0), (21.0, 10.0), (19.0, 10.0), (20.0, 10.0)];
+        // χ² of 70 and of 60 in 100 rows a block
+        assert!(after(&scores, -30.0, 0.0).likeliest(|_| None).is_some());
+        assert_eq!(after(&scores, -40.0, 0.0).likeliest(|_| None), None);
     }
 
     #[test]

@@ -124,7 +124,10 @@ impl<B: SampleBlock + Send + 'static> Learner for BlockLearner<B> {
         let error = if report.held == Some(Held::NotFinite) {
             Some(LastError::new(ErrorCode::NotEvaluable, end.last_seq))
         } else {
-            let fault = report.fault.and_then(|fault| words(fault, misfit::fault));
+            let fault = report.fault.and_then(|cause| match cause.or_parameters {
+                true => words(cause.error, misfit::fault_or_parameters),
+                false => words(cause.error, misfit::fault),
+            });
             let lacking = fault.or_else(|| words(report.suspicion?, misfit::error));
             lacking.or_else(|| {
                 let (parameter, error) = report.limited?;

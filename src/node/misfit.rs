@@ -18,6 +18,13 @@ pub fn fault(suspect: &Suspect, suspicion: &Suspicion, seq: u64) -> LastError {
     explanation(suspect, suspicion.amplitude, format_args!("the change"), seq)
 }
 
+/// "changed parameters or another drive gain at joint 1 would explain the change (-5.0 %)".
+pub fn fault_or_parameters(suspect: &Suspect, suspicion: &Suspicion, seq: u64) -> LastError {
+    let mut words = FixedText::default();
+    let _cut = words.write_str("changed parameters or ");
+    explanation_after(words, suspect, suspicion.amplitude, format_args!("the change"), seq)
+}
+
 /// "most of theta_9's std may be an input delay and others, unseen".
 pub fn limit(parameter: &str, suspect: &Suspect, seq: u64) -> LastError {
     let mut words = FixedText::<ERROR_TEXT>::default();
@@ -28,7 +35,17 @@ pub fn limit(parameter: &str, suspect: &Suspect, seq: u64) -> LastError {
 }
 
 fn explanation(suspect: &Suspect, amplitude: f64, what: fmt::Arguments<'_>, seq: u64) -> LastError {
-    let mut words = FixedText::<ERROR_TEXT>::default();
+    explanation_after(FixedText::default(), suspect, amplitude, what, seq)
+}
+
+/// The same after these words.
+fn explanation_after(
+    mut words: FixedText<ERROR_TEXT>,
+    suspect: &Suspect,
+    amplitude: f64,
+    what: fmt::Arguments<'_>,
+    seq: u64,
+) -> LastError {
     // an error only means that the text was truncated
     let cause = suspect.write(amplitude, &mut words);
     let _cut = cause
@@ -119,6 +136,17 @@ mod tests {
             assert!(super::limit("theta_9", &suspect, 9).words().ends_with(", unseen"));
             let fault = fault(&suspect, &suspicion, 9);
             assert!(fault.words().contains("would explain the change"), "{}", fault.words());
+            let either = fault_or_parameters(&suspect, &suspicion, 9);
+            assert!(
+                either.words().starts_with("changed parameters or "),
+                "{}",
+                either.words()
+            );
+            assert!(
+                either.words().contains("would explain the change"),
+                "{}",
+                either.words()
+            );
         }
     }
 

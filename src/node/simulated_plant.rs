@@ -44,6 +44,20 @@ pub fn sample_stream_of(
     Ok(with_sensor_faults(source, options, stream_id))
 }
 
+/// Number of samples among the first `samples` of a run that the simulation loses between the
+/// machine and its consumers, by `plant.sensors.loss_probability` or a fault. The options must be
+/// valid.
+pub fn simulated_losses(options: &SimOptions, samples: u64) -> u64 {
+    let count = samples.min(options.sample_count());
+    let nothing = std::iter::repeat(JointSample::default());
+    let mut stream = with_sensor_faults(nothing, options, 1);
+    let mut arrived = 0;
+    while stream.position() < count && stream.next_sample().is_some() {
+        arrived += 1;
+    }
+    stream.position() - arrived
+}
+
 /// Applies sensor and transport faults to the samples of a machine.
 fn with_sensor_faults<S: Iterator<Item = JointSample>>(
     source: S,

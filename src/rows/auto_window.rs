@@ -271,6 +271,10 @@ impl Residuals for AutoWindowBlock {
         self.own().contradicts_relations(suspect)
     }
 
+    fn inseparable_std(&self, parameter: usize) -> f64 {
+        self.own().inseparable_std(parameter)
+    }
+
     fn lags_as(&self, suspect: usize) -> Option<usize> {
         self.own().lags_as(suspect)
     }

@@ -29,9 +29,20 @@ pub(super) fn has_jump(plant: &dyn AnyPlant, equation: usize, joint: usize) -> b
     step(1e-9) > 1e-3 * step(1e-3)
 }
 
-/// True if a parameter of an equation is the factor of this function of the positions and
-/// velocities: ∂g_d/∂θ_k is proportional to it for any motion, and ∂g_r/∂θ_k = 0 for r ≠ d.
+/// True if an equation has the [`term`].
 pub(super) fn has_term(plant: &dyn AnyPlant, equation: usize, d: usize, shape: impl Fn(&[f64], &[f64]) -> f64) -> bool {
+    term(plant, equation, d, shape).is_some()
+}
+
+/// The parameter k of an equation that is the factor of this function of the positions and
+/// velocities, and the constant c: ∂g_d/∂θ_k is c times the function for any motion, and ∂g_r/∂θ_k
+/// = 0 for r ≠ d.
+pub(super) fn term(
+    plant: &dyn AnyPlant,
+    equation: usize,
+    d: usize,
+    shape: impl Fn(&[f64], &[f64]) -> f64,
+) -> Option<(usize, f64)> {
     let start = some_theta(plant);
     let order = plant.equations()[equation].order;
     let joints = plant.joints();
@@ -49,7 +60,7 @@ pub(super) fn has_term(plant: &dyn AnyPlant, equation: usize, d: usize, shape: i
         );
         g
     };
-    plant.equations()[equation].parameters.clone().any(|k| {
+    plant.equations()[equation].parameters.clone().find_map(|k| {
         let mut moved = start.clone();
         moved[k] += 1e-3 * start[k].abs();
         // ∂g/∂θ_k divided by the function
@@ -64,7 +75,8 @@ pub(super) fn has_term(plant: &dyn AnyPlant, equation: usize, d: usize, shape: i
             rest[d] -= first;
             rest.iter().all(|g| g.abs() < 1e-6 * first.abs())
         };
-        first != 0.0 && [0.3, 1.1, 2.9].into_iter().all(is_same)
+        let is_term = first != 0.0 && [0.3, 1.1, 2.9].into_iter().all(is_same);
+        is_term.then_some((k, first))
     })
 }
 
@@ -84,5 +96,8 @@ mod tests {
         // the axis has an offset and Coulomb friction, and no spring
         assert!(has_term(&axis, 0, 0, |_, _| 1.0) && has_jump(&axis, 0, 0));
         assert!(!has_term(&axis, 0, 0, |q, _| q[0]));
+        // θ₈ is the back EMF of joint 2, whose equation is multiplied by 12
+        let (parameter, factor) = term(&arm, 1, 0, |_, dq| dq[1]).unwrap();
+        assert!(parameter == 7 && (factor - 12.0).abs() < 1e-6, "{parameter} {factor}");
     }
 }

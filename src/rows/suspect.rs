@@ -34,6 +34,10 @@ pub struct Considered {
     /// input at the root mean square of the velocity in the first block that moves, as a share of
     /// the same size, ≥ 0.
     pub viscous: f64,
+    /// Viscous friction that the back EMF of a drive with an inductance contains, because it acts
+    /// like it: its input at the largest root mean square of the velocity so far, as a share of the
+    /// same size, ≥ 0.
+    pub friction_in_back_emf: f64,
     /// Natural frequency of the flexibility between each motor and its load \[Hz\], one standard
     /// deviation of 1/(2π f)²; 0 for rigid joints.
     pub resonance_hz: f64,
@@ -60,6 +64,7 @@ impl Considered {
         spring: 0.0,
         inertia: 0.0,
         viscous: 0.0,
+        friction_in_back_emf: 0.0,
         resonance_hz: 0.0,
         drift_per_s: 0.0,
         zero_rad: 0.0,
@@ -89,9 +94,9 @@ impl Default for Considered {
     /// that is one sample late lies within four standard deviations. Gain: 0, because parameters
     /// are in the units that the drive reports. Coulomb friction: 1 % of the input, friction that
     /// falls with speed: 2 %, offset: 0.1 %. Inertia: 1 % of the joint's. Viscous friction: 0.03 %
-    /// of the input. Resonance: 70 Hz. Drift: 0.6 % in a minute. Zero: 1 mrad, 0.06°. Eccentricity:
-    /// 0.05 mrad, 10″. With motion that shows an error, σ becomes what it is without the error;
-    /// with other motion, σ includes its possible effect.
+    /// of the input, and 0.5 % within a back EMF. Resonance: 70 Hz. Drift: 0.6 % in a minute. Zero:
+    /// 1 mrad, 0.06°. Eccentricity: 0.05 mrad, 10″. With motion that shows an error, σ becomes what
+    /// it is without the error; with other motion, σ includes its possible effect.
     fn default() -> Self {
         Self {
             input_delay_s: None,
@@ -103,6 +108,7 @@ impl Default for Considered {
             spring: 1e-2,
             inertia: 1e-2,
             viscous: 3e-4,
+            friction_in_back_emf: 5e-3,
             resonance_hz: 70.0,
             drift_per_s: 1e-4,
             zero_rad: 1e-3,

@@ -85,6 +85,8 @@ pub(super) struct SuspectColumns {
     /// Root mean square of the velocity that belongs to each equation, in the first block in which
     /// the joint moved; 0 until then.
     speeds: Vec<f64>,
+    /// The largest so far.
+    fastest: Vec<f64>,
     /// The integrands of the friction columns, per equation and sample; empty if there are none.
     frictions: Vec<[Vec<f64>; 2]>,
     /// sat(u/u₀) and q per equation and sample; empty if no column needs them.
@@ -164,6 +166,7 @@ impl SuspectColumns {
             travels: [0.0; MAX_JOINTS],
             input_noises: [0.0; MAX_JOINTS],
             speeds: vec![0.0; jumps.len()],
+            fastest: vec![0.0; jumps.len()],
             drives: (jumps.iter().zip(&springs))
                 .map(|(&jumps, &spring)| [room(jumps), room(!spring)])
                 .collect(),
@@ -187,6 +190,7 @@ impl SuspectColumns {
     pub fn reset(&mut self) {
         (self.sizes, self.travels) = ([0.0; MAX_JOINTS], [0.0; MAX_JOINTS]);
         self.speeds.fill(0.0);
+        self.fastest.fill(0.0);
         self.through_drives.iter_mut().flatten().for_each(ThroughDrive::reset);
     }
 
@@ -230,6 +234,17 @@ impl SuspectColumns {
             SuspectKind::Scale | SuspectKind::Clock => 0.0,
             SuspectKind::Drift => self.considered.drift_per_s,
         }
+    }
+
+    /// Standard deviation of the viscous friction that parameter i contains as back EMF.
+    pub fn inseparable_std(&self, parameter: usize) -> f64 {
+        let through_drives = self.through_drives.iter().enumerate();
+        let own = through_drives.filter_map(|(e, own)| {
+            let back_emf = own.as_ref()?.back_emf().filter(|own| own.parameter == parameter)?;
+            let of_input = self.considered.friction_in_back_emf * self.sizes[self.places.inputs[e]];
+            (self.fastest[e] > 0.0).then(|| (of_input / self.fastest[e] * back_emf.per_friction).powi(2))
+        });
+        own.sum::<f64>().sqrt()
     }
 
     /// True if the error can arise while a machine runs: a supply that sags, a belt that slips, a
@@ -352,9 +367,12 @@ impl SuspectColumns {
             }
             let (dq, q_std) = (&signals.dq[joint][..len], &q_std[joint][..len]);
             let speed = &mut self.speeds[e];
-            let noise = self.velocity_gain * root_mean_square(q_std);
-            if *speed == 0.0 && root_mean_square(dq) > MOVING * noise {
-                *speed = root_mean_square(dq);
+            let (own, noise) = (root_mean_square(dq), self.velocity_gain * root_mean_square(q_std));
+            if own > MOVING * noise {
+                self.fastest[e] = self.fastest[e].max(own);
+                if *speed == 0.0 {
+                    *speed = own;
+                }
             }
             let standing = STANDING * self.velocity_gain;
             for (friction, share) in self.frictions[e].iter_mut().zip(STRIBECK_SPEEDS) {

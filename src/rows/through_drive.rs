@@ -15,10 +15,11 @@
 //!
 //! Viscous friction looks like back EMF. If the drive has an inductance L and a resistance R, it
 //! also adds (L/R) a to the factor of q̈_j, as an inertia does. On the arm, friction of 0.08 % of
-//! the back EMF makes θ₃ 48 % larger.
+//! the back EMF makes θ₃ 48 % larger. The rows can only show the inductance's part; the back EMF
+//! always contains the friction.
 
 use super::kernel::{Kernels, dot};
-use super::present_terms::has_term;
+use super::present_terms::{has_term, term};
 use super::theta_polynomial::MAX_ORDER;
 use crate::model::{AnyPlant, MAX_JOINTS, Number};
 
@@ -36,6 +37,15 @@ pub(super) struct ThroughDrive {
     size: f64,
     has_inertia: bool,
     has_friction: bool,
+    back_emf: Option<BackEmf>,
+}
+
+/// The parameter that multiplies q̇_j, and by how much it changes with b, which acts exactly like
+/// it but for the inductance.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct BackEmf {
+    pub parameter: usize,
+    pub per_friction: f64,
 }
 
 impl ThroughDrive {
@@ -48,6 +58,11 @@ impl ThroughDrive {
         if !has_inertia && !has_friction {
             return None;
         }
+        let speed = term(plant, equation, 0, |_, dq| dq[form.input]).filter(|_| has_friction);
+        let back_emf = speed.map(|(parameter, factor)| BackEmf {
+            parameter,
+            per_friction: form.input_scale / factor,
+        });
         Some(Self {
             equation,
             joint: form.input,
@@ -55,6 +70,7 @@ impl ThroughDrive {
             size: 0.0,
             has_inertia,
             has_friction,
+            back_emf,
         })
     }
 
@@ -66,6 +82,11 @@ impl ThroughDrive {
     /// True if the model lacks viscous friction, or what it does behind an inductance.
     pub fn has_friction(&self) -> bool {
         self.has_friction
+    }
+
+    /// `None` if the model lacks it, or has viscous friction of its own.
+    pub fn back_emf(&self) -> Option<BackEmf> {
+        self.back_emf
     }
 
     /// The model's inertia of the joint, in units of the amplitude; 0 before the first block.
@@ -147,6 +168,11 @@ mod tests {
         // its drive has no inductance, so friction is a parameter of its own
         let axis = ServoAxis::new(Motion::Linear, DriveInput::Voltage, 35.0).unwrap();
         assert!(ThroughDrive::new(&axis, 0).is_none());
+        let back_emf = |e: usize| ThroughDrive::new(&arm, e).and_then(|own| own.back_emf());
+        for (equation, parameter) in [(0, 4), (1, 7)] {
+            let own = back_emf(equation).unwrap();
+            assert!(own.parameter == parameter && (own.per_friction - 1.0).abs() < 1e-6);
+        }
     }
 
     /// q = t³ has q̇ = 3 t², q̈ = 6 t and q⃛ = 6: (3) is 12 (6 t + 6 θ₆/θ₇), for friction

@@ -42,8 +42,10 @@ pub(super) struct Records {
     pub(super) csv: Option<EstimatesCsv<File>>,
     recorder: Option<Recorder>,
     flushed: Instant,
-    /// Lost samples, as last reported to the identifier.
+    /// Lost samples, as last reported to the identifier, and those among them that the simulation
+    /// loses on purpose, up to its end.
     told_missing: u64,
+    simulated: u64,
     /// True if the recording ended before its run.
     broken: bool,
     /// Bus on which losses are reported to the identifier.
@@ -60,12 +62,14 @@ impl Records {
         recorder: Option<Recorder>,
         bus: Option<Bus>,
         live: Live,
+        simulated: u64,
     ) -> Self {
         Self {
             csv,
             recorder,
             flushed: Instant::now(),
             told_missing: 0,
+            simulated,
             broken: false,
             bus,
             told: LastError::default(),
@@ -176,7 +180,7 @@ impl MonitorSink for Records {
         self.flushed = Instant::now();
         self.record(Recorder::flush);
         let missing = self.recorder.as_ref().map_or(0, |r| r.written().samples_missing);
-        if missing > self.told_missing {
+        if missing > self.told_missing.max(self.simulated) {
             tracing::warn!(
                 missing,
                 "the recorder cannot keep up; samples are missing in the recording"

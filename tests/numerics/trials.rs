@@ -379,6 +379,41 @@ fn ident_a_right_model_lacks_no_resonance() {
     }
 }
 
+/// Slow motion holds the rounding error of a position for many samples, and a payload that is picked
+/// up meanwhile looks like an offset. A cause was named in each of these runs; in `docs/trials.md` it is
+/// now one in 3 of 16.
+#[test]
+fn ident_slow_motion_of_a_right_model_is_seldom_said_to_lack_a_term() {
+    let mut named = Vec::new();
+    for motion in [Motion::Creeping, Motion::Tiny] {
+        for seed in 0..4 {
+            let (result, _) = run(&TrialSpec::new(motion, seed).settings());
+            let last = result.named_cause;
+            named.extend(last.filter(|words| !words.starts_with("changed parameters or ")));
+        }
+    }
+    assert!(named.len() <= 3, "{named:?}");
+}
+
+/// Friction of 1.2 % of the voltage, which is R b/kₘ more back EMF. No motion tells them apart, so
+/// without `identifier.considered.friction_in_back_emf` most blocks are dangerous.
+#[test]
+fn ident_friction_that_a_back_emf_contains_is_allowed_for() {
+    let dangerous = |more: &[&str]| {
+        let spec = TrialSpec {
+            arm: Arm::Small,
+            blocks: 20,
+            ..TrialSpec::new(Motion::MinimumJerk, 1)
+        };
+        let mut settings = spec.settings();
+        settings.push("plant.unmodelled.viscous_friction_n_m_s_per_rad=[0.6, 0.6]".to_owned());
+        settings.extend(more.iter().map(|setting| (*setting).to_owned()));
+        run(&settings).0.dangerous
+    };
+    assert_eq!(dangerous(&[]), 0);
+    assert!(dangerous(&["identifier.considered.friction_in_back_emf=0.0"]) > 5);
+}
+
 /// In slow motion a small arm's inertia and an estimated delay look alike, and the rows are not linear
 /// in the delay. With `input_delay_limit_s = 5e-3` two of these runs have 14 dangerous blocks.
 #[test]

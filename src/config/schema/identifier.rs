@@ -102,6 +102,8 @@ table! {
             "Inertia without weight, such as a rotor's, at each joint whose model has no parameter for it, as a share of the joint's inertia in the model";
         viscous: f64 = considered.viscous, Kind::Real(NOT_NEGATIVE), "",
             "Viscous friction at each joint whose model has none, or whose drive has an inductance: its input at the root mean square of the velocity, as a share of the same size";
+        friction_in_back_emf: f64 = considered.friction_in_back_emf, Kind::Real(NOT_NEGATIVE), "",
+            "Viscous friction that a parameter of back EMF contains if the drive has an inductance, because it acts exactly like it: its input at the largest root mean square of the velocity so far, as a share of the same size";
         resonance_hz: f64 = considered.resonance_hz, Kind::Real(NOT_NEGATIVE), "Hz",
             "Natural frequency of the flexibility between each motor and its load; 0 if the joints are rigid";
         drift_per_s: f64 = considered.drift_per_s, Kind::Real(Interval::closed(0.0, 1.0)), "1/s",

@@ -148,6 +148,10 @@ impl Residuals for ProjectedBlock {
         self.rows.suspects.contradicts_relations(suspect)
     }
 
+    fn inseparable_std(&self, parameter: usize) -> f64 {
+        self.rows.suspects.inseparable_std(parameter)
+    }
+
     fn lags_as(&self, suspect: usize) -> Option<usize> {
         self.rows.suspects.lags_as(suspect)
     }

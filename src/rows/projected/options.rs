@@ -122,6 +122,7 @@ impl ProjectedOptions {
             ("considered.spring", considered.spring),
             ("considered.inertia", considered.inertia),
             ("considered.viscous", considered.viscous),
+            ("considered.friction_in_back_emf", considered.friction_in_back_emf),
             ("considered.resonance_hz", considered.resonance_hz),
             ("considered.drift_per_s", considered.drift_per_s),
             ("considered.zero_rad", considered.zero_rad),

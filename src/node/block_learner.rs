@@ -17,6 +17,10 @@ use std::any::Any;
 /// a parameter.
 const TOLD: f64 = 0.5;
 
+/// Whether an error can have an amplitude, and its words.
+type Possible = fn(&Suspect<'_>, f64) -> bool;
+type Say = fn(&Suspect<'_>, &Suspicion, u64) -> LastError;
+
 /// Rows, estimator, state machine and derived values.
 pub struct BlockLearner<B> {
     rows: B,
@@ -116,19 +120,20 @@ impl<B: SampleBlock + Send + 'static> Learner for BlockLearner<B> {
         if change.is_some() {
             estimate.flags |= estimate_flags::CHANGED;
         }
-        let words = |suspicion: Suspicion, say: fn(&Suspect<'_>, &Suspicion, u64) -> LastError| {
+        let words = |suspicion: Suspicion, is_possible: Possible, say: Say| {
             let suspect = self.rows.suspect(suspicion.suspect)?;
-            let possible = suspect.is_possible(suspicion.amplitude);
-            possible.then(|| say(&suspect, &suspicion, end.last_seq))
+            is_possible(&suspect, suspicion.amplitude).then(|| say(&suspect, &suspicion, end.last_seq))
         };
         let error = if report.held == Some(Held::NotFinite) {
             Some(LastError::new(ErrorCode::NotEvaluable, end.last_seq))
         } else {
+            let of_a_change: Possible = |error, amplitude| error.is_possible(amplitude);
+            let of_the_model: Possible = |error, amplitude| error.is_possible_from_the_start(amplitude);
             let fault = report.fault.and_then(|cause| match cause.or_parameters {
-                true => words(cause.error, misfit::fault_or_parameters),
-                false => words(cause.error, misfit::fault),
+                true => words(cause.error, of_a_change, misfit::fault_or_parameters),
+                false => words(cause.error, of_a_change, misfit::fault),
             });
-            let lacking = fault.or_else(|| words(report.suspicion?, misfit::error));
+            let lacking = fault.or_else(|| words(report.suspicion?, of_the_model, misfit::error));
             lacking.or_else(|| {
                 let (parameter, error) = report.limited?;
                 let name = self.rows.suspect(self.rows.suspects() + parameter)?.parameter?;

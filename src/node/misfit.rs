@@ -124,6 +124,7 @@ mod tests {
                 parameter: (kind == SuspectKind::Drift).then_some("inertia_8"),
                 joint: (kind != SuspectKind::InputDelay).then_some(7),
                 unit: "N m",
+                smallest: 0.0,
                 largest: 1.0,
             };
             let error = error(&suspect, &suspicion, 9);
@@ -157,6 +158,7 @@ mod tests {
             parameter: None,
             joint: Some(0),
             unit: "V",
+            smallest: 0.0,
             largest: 1.0,
         };
         for (amplitude, words) in [

@@ -163,7 +163,9 @@ pub struct Suspect<'a> {
     pub joint: Option<usize>,
     /// Unit of the amplitude.
     pub unit: &'a str,
-    /// Largest amplitude that a machine can have.
+    /// Smallest magnitude of the amplitude that samples can show.
+    pub smallest: f64,
+    /// Largest magnitude that a machine can have.
     pub largest: f64,
 }
 
@@ -171,7 +173,17 @@ impl Suspect<'_> {
     /// True if a machine can have the error with this amplitude. Otherwise a base tilted by 1e10
     /// rad could explain whatever no other column does.
     pub fn is_possible(&self, amplitude: f64) -> bool {
-        amplitude.abs() <= self.largest
+        (self.smallest..=self.largest).contains(&amplitude.abs())
+    }
+
+    /// True if the machine can have had the error all the time: friction and inertia can decrease,
+    /// but a model cannot lack a negative one.
+    pub fn is_possible_from_the_start(&self, amplitude: f64) -> bool {
+        let positive = matches!(
+            self.kind,
+            SuspectKind::Coulomb | SuspectKind::Viscous | SuspectKind::Inertia
+        );
+        self.is_possible(amplitude) && !(positive && amplitude < 0.0)
     }
 
     /// Describes the error with this amplitude.
@@ -229,9 +241,30 @@ mod tests {
             parameter: None,
             joint: Some(0),
             unit: "rad",
+            smallest: 0.0,
             largest: 0.5,
         };
         assert!(tilted.is_possible(-0.02));
         assert!(!tilted.is_possible(1.1e10) && !tilted.is_possible(f64::NAN));
+        let resonance = Suspect {
+            kind: SuspectKind::Resonance,
+            smallest: 1e-6,
+            ..tilted
+        };
+        assert!(resonance.is_possible(-2e-6) && !resonance.is_possible(8e-8));
+    }
+
+    #[test]
+    fn prop_a_machine_may_lose_friction_but_never_had_a_negative_one() {
+        let friction = Suspect {
+            kind: SuspectKind::Coulomb,
+            parameter: None,
+            joint: Some(0),
+            unit: "V",
+            smallest: 0.0,
+            largest: 0.5,
+        };
+        assert!(friction.is_possible(-0.02) && !friction.is_possible_from_the_start(-0.02));
+        assert!(friction.is_possible_from_the_start(0.02));
     }
 }

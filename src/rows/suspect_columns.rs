@@ -103,6 +103,7 @@ pub(super) struct SuspectColumns {
     tempo: Option<Vec<f64>>,
     /// Square root of the sum of squares of the velocity filter's weights.
     velocity_gain: f64,
+    sample_period_s: f64,
 }
 
 impl SuspectColumns {
@@ -183,6 +184,16 @@ impl SuspectColumns {
             tempo: tempo(plant),
             velocity_gain: dot(velocity_weights, velocity_weights).sqrt(),
             places: SuspectPlaces { inputs, jumps },
+            sample_period_s: 0.0,
+        }
+    }
+
+    /// With samples a period \[s\] apart.
+    #[must_use]
+    pub fn with_period(self, sample_period_s: f64) -> Self {
+        Self {
+            sample_period_s,
+            ..self
         }
     }
 
@@ -301,6 +312,7 @@ impl SuspectColumns {
                 parameter: Some(name),
                 joint: None,
                 unit: "1/s",
+                smallest: 0.0,
                 largest: f64::INFINITY,
             });
         }
@@ -322,6 +334,11 @@ impl SuspectColumns {
             parameter: None,
             joint,
             unit,
+            // beyond one radian per sample, errors of quadrature look the same
+            smallest: match kind {
+                SuspectKind::Resonance => self.sample_period_s.powi(2),
+                _ => 0.0,
+            },
             largest,
         })
     }

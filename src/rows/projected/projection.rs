@@ -52,7 +52,8 @@ impl Projection {
                 |equation, joint| form.depends_on_place(equation, joint),
                 rows,
                 capacity,
-            ),
+            )
+            .with_period(form.options.sample_period_s),
             standstill: Standstill::new(&*form.plant, &form.kernels.position[0], capacity, rows),
             rows: WhitenedRows::new(&block, rows, covariance.bandwidth()),
             smoothed: SmoothedSignals::new(&block, rows),

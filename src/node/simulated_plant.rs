@@ -44,18 +44,39 @@ pub fn sample_stream_of(
     Ok(with_sensor_faults(source, options, stream_id))
 }
 
-/// Number of samples among the first `samples` of a run that the simulation loses between the
-/// machine and its consumers, by `plant.sensors.loss_probability` or a fault. The options must be
-/// valid.
-pub fn simulated_losses(options: &SimOptions, samples: u64) -> u64 {
-    let count = samples.min(options.sample_count());
-    let nothing = std::iter::repeat(JointSample::default());
-    let mut stream = with_sensor_faults(nothing, options, 1);
-    let mut arrived = 0;
-    while stream.position() < count && stream.next_sample().is_some() {
-        arrived += 1;
+/// Counts the samples that a simulation loses on purpose, by `plant.sensors.loss_probability`.
+#[derive(Debug, Clone)]
+pub struct SimulatedLosses {
+    /// `None` if none are lost.
+    losses: Option<Losses>,
+    /// Samples of which some may be lost: the last one of a run is always sent.
+    most: u64,
+    samples: u64,
+    lost: u64,
+}
+
+impl SimulatedLosses {
+    /// Those of a run.
+    pub fn new(options: &SimOptions) -> Self {
+        let any = options.sensors.loss_probability > 0.0;
+        Self {
+            losses: any.then(|| Losses::new(&options.sensors, options.seed)),
+            most: options.sample_count().saturating_sub(1),
+            samples: 0,
+            lost: 0,
+        }
     }
-    stream.position() - arrived
+
+    /// Number of lost samples among the first `samples`, which may not decrease from call to call.
+    pub fn among(&mut self, samples: u64) -> u64 {
+        if let Some(losses) = &mut self.losses {
+            while self.samples < samples.min(self.most) {
+                self.lost += u64::from(losses.next_is_lost());
+                self.samples += 1;
+            }
+        }
+        self.lost
+    }
 }
 
 /// Applies sensor and transport faults to the samples of a machine.

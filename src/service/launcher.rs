@@ -22,7 +22,7 @@ use crate::bus::{Bus, Role, RoleLock, Subscriber};
 use crate::config::{Catalog, Config, FeedForward};
 use crate::files;
 use crate::messages::Status;
-use crate::node::simulated_plant::simulated_losses;
+use crate::node::simulated_plant::SimulatedLosses;
 use crate::recording::Span;
 use crate::report::{REPORT_HTML, Summary};
 use crate::runner::Shutdown;
@@ -123,7 +123,7 @@ pub fn run(args: &RunArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         .accepted
         .saturating_add(samples.rejected)
         .saturating_add(samples.missing);
-    let incomplete = lost || samples.missing > simulated_losses(&config.plant.sim, sent);
+    let incomplete = lost || samples.missing > SimulatedLosses::new(&config.plant.sim).among(sent);
     if lockstep && incomplete {
         tracing::error!("data were lost in a run in which nothing may be lost; the warnings above tell where");
     }

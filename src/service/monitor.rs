@@ -11,7 +11,7 @@ use crate::config::Config;
 use crate::files;
 use crate::messages::Description;
 use crate::node::monitor::MonitorNode;
-use crate::node::simulated_plant;
+use crate::node::simulated_plant::SimulatedLosses;
 use crate::recording::{Entry, EstimatesCsv, RecordingReader, Span, oldest_file};
 use crate::report::Summary;
 use crate::runner::{MonitorPorts, RunError, Shutdown, TICK, apply_realtime, run_monitor};
@@ -57,10 +57,7 @@ pub fn run(args: &MonitorArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     }
     warn_of_losses(&monitor.ports, &monitor.node);
     let recording_lost = match recorded {
-        Some(Ok(written)) => {
-            let sent = written.samples.saturating_add(written.samples_missing);
-            written.samples_missing > simulated_losses(args, &config, sent)
-        }
+        Some(Ok(lost)) => lost > 0,
         Some(Err(())) => true,
         None => false,
     };
@@ -121,7 +118,7 @@ impl<'a> Monitor<'a> {
         let bus = Bus::join(&domain, robot, "monitor")?;
         let takes_samples = recorder.is_some() || args.web.takes_samples();
         let ports = connect(&bus, args.common.launched.receipts, takes_samples)?;
-        let simulated = simulated_losses(args, config, u64::MAX);
+        let simulated = truth.map(SimulatedLosses::new);
         let records = Records::new(csv, recorder, Some(bus.clone()), live, simulated);
         tracing::info!(robot, domain = domain.name(), "monitor");
         apply_realtime(&config.realtime.monitor);
@@ -183,14 +180,6 @@ impl<'a> Monitor<'a> {
             self.records.csv = Some(csv);
         }
         Ok(())
-    }
-}
-
-/// Number of samples among the first `sent` ones that a launched plant loses on purpose.
-fn simulated_losses(args: &MonitorArgs, config: &Config, sent: u64) -> u64 {
-    match args.common.is_launched() {
-        true => simulated_plant::simulated_losses(&config.plant.sim, sent),
-        false => 0,
     }
 }
 

@@ -8,6 +8,7 @@ use crate::bus::{Bus, ControlClient};
 use crate::config::Config;
 use crate::messages::{Command, Description, ErrorCode, Estimate, Journal, LastError, Request, Sample, Status};
 use crate::node::monitor::MonitorNode;
+use crate::node::simulated_plant::SimulatedLosses;
 use crate::recording::{
     EstimatesCsv, RecordError, Recorder, RecorderStatus, RecordingLimits, RecordingReader, Span, oldest_file,
 };
@@ -42,10 +43,10 @@ pub(super) struct Records {
     pub(super) csv: Option<EstimatesCsv<File>>,
     recorder: Option<Recorder>,
     flushed: Instant,
-    /// Lost samples, as last reported to the identifier, and those among them that the simulation
-    /// loses on purpose, up to its end.
+    /// Lost samples, as last reported to the identifier, and those that a launched simulation loses
+    /// on purpose.
     told_missing: u64,
-    simulated: u64,
+    simulated: Option<SimulatedLosses>,
     /// True if the recording ended before its run.
     broken: bool,
     /// Bus on which losses are reported to the identifier.
@@ -62,7 +63,7 @@ impl Records {
         recorder: Option<Recorder>,
         bus: Option<Bus>,
         live: Live,
-        simulated: u64,
+        simulated: Option<SimulatedLosses>,
     ) -> Self {
         Self {
             csv,
@@ -87,14 +88,26 @@ impl Records {
         self.live.rename(description);
     }
 
-    /// Ends the recording; `None` if there was none, an error if it is incomplete.
-    pub(super) fn finish(mut self) -> Option<Result<RecorderStatus, ()>> {
+    /// Ends the recording and returns the number of samples that it lacks and no simulation has
+    /// lost on purpose; `None` if there was none, an error if it is incomplete.
+    pub(super) fn finish(mut self) -> Option<Result<u64, ()>> {
         self.live.finish();
         if self.broken {
             return Some(Err(()));
         }
-        let finished = self.recorder?.finish();
-        Some(finished.map_err(|e| tracing::error!("{e}")))
+        let finished = self.recorder.take()?.finish();
+        Some(match finished {
+            Ok(written) => Ok(self.lost_samples(&written)),
+            Err(e) => {
+                tracing::error!("{e}");
+                Err(())
+            }
+        })
+    }
+
+    fn lost_samples(&mut self, written: &RecorderStatus) -> u64 {
+        let (sent, missing) = (written.samples + written.samples_missing, written.samples_missing);
+        missing.saturating_sub(self.simulated.as_mut().map_or(0, |losses| losses.among(sent)))
     }
 
     /// Reports the recorder's losses to the identifier for its status. If that fails, the file and
@@ -179,8 +192,9 @@ impl MonitorSink for Records {
         }
         self.flushed = Instant::now();
         self.record(Recorder::flush);
-        let missing = self.recorder.as_ref().map_or(0, |r| r.written().samples_missing);
-        if missing > self.told_missing.max(self.simulated) {
+        let written = self.recorder.as_ref().map(|recorder| *recorder.written());
+        let missing = written.map_or(0, |written| self.lost_samples(&written));
+        if missing > self.told_missing {
             tracing::warn!(
                 missing,
                 "the recorder cannot keep up; samples are missing in the recording"

@@ -132,20 +132,14 @@ fn e2e_in_lockstep_no_estimate_is_lost_even_of_the_shortest_blocks() {
 
 #[test]
 fn e2e_samples_that_the_simulation_loses_are_no_loss_of_the_run() {
-    for (losses, missing) in [
-        ("plant.sensors.loss_probability=0.01", 1..),
-        (
-            r#"plant.faults=[{signal="sample", kind="off", from_s=5.0, to_s=5.2}]"#,
-            200..,
-        ),
-    ] {
-        let site = Site::new();
-        let mut run = site.start_run(&["--duration", "12", "--set", losses]);
-        run.expect_code(0);
-        let samples = site.summary().samples;
-        assert_eq!(samples.accepted + samples.missing, 12_000);
-        assert!(missing.contains(&samples.missing), "{}", samples.missing);
-    }
+    let site = Site::new();
+    let losses = "plant.sensors.loss_probability=0.01";
+    let mut run = site.start_run(&["--duration", "12", "--set", losses]);
+    run.expect_code(0);
+    let samples = site.summary().samples;
+    assert_eq!(samples.accepted + samples.missing, 12_000);
+    // 120 ± 11
+    assert!((65..175).contains(&samples.missing), "{}", samples.missing);
 }
 
 #[test]

@@ -221,8 +221,8 @@ pub trait Residuals {
     fn contradicts_relations(&self, _suspect: usize) -> bool {
         false
     }
-    /// Standard deviation of what parameter i holds of an error that acts exactly like it: no rows
-    /// tell them apart, so the published covariance always contains it.
+    /// Standard deviation of an error that acts exactly like a parameter, in the parameter's unit.
+    /// No rows tell the two apart, so the published covariance always contains it.
     fn inseparable_std(&self, _parameter: usize) -> f64 {
         0.0
     }

@@ -6,20 +6,16 @@ use super::estimate_message::{fill_derived, message};
 use super::learner::{BlockEnd, Learner, Learnt};
 use super::misfit;
 use crate::estimator::{
-    BlockEstimator, ChangeKind, EstimatorOptions, EstimatorState, Held, Report, StateError, StateMachine, Suspicion,
+    BlockEstimator, ChangeKind, EstimatorOptions, EstimatorState, Held, Report, StateError, StateMachine,
 };
 use crate::messages::{ErrorCode, Estimate, LastError, Sample, Status, estimate_flags};
 use crate::model::{DerivedValues, MAX_PARAMS};
-use crate::rows::{FirstBlocks, SampleBlock, Suspect};
+use crate::rows::{FirstBlocks, SampleBlock};
 use std::any::Any;
 
 /// Standard deviation, relative to that of the start, below which the data have told something of
 /// a parameter.
 const TOLD: f64 = 0.5;
-
-/// Whether an error can have an amplitude, and its words.
-type Possible = fn(&Suspect<'_>, f64) -> bool;
-type Say = fn(&Suspect<'_>, &Suspicion, u64) -> LastError;
 
 /// Rows, estimator, state machine and derived values.
 pub struct BlockLearner<B> {
@@ -120,20 +116,20 @@ impl<B: SampleBlock + Send + 'static> Learner for BlockLearner<B> {
         if change.is_some() {
             estimate.flags |= estimate_flags::CHANGED;
         }
-        let words = |suspicion: Suspicion, is_possible: Possible, say: Say| {
-            let suspect = self.rows.suspect(suspicion.suspect)?;
-            is_possible(&suspect, suspicion.amplitude).then(|| say(&suspect, &suspicion, end.last_seq))
-        };
         let error = if report.held == Some(Held::NotFinite) {
             Some(LastError::new(ErrorCode::NotEvaluable, end.last_seq))
         } else {
-            let of_a_change: Possible = |error, amplitude| error.is_possible(amplitude);
-            let of_the_model: Possible = |error, amplitude| error.is_possible_from_the_start(amplitude);
-            let fault = report.fault.and_then(|cause| match cause.or_parameters {
-                true => words(cause.error, of_a_change, misfit::fault_or_parameters),
-                false => words(cause.error, of_a_change, misfit::fault),
+            let fault = report.fault.and_then(|cause| {
+                let suspect = self.rows.suspect(cause.error.suspect)?;
+                let possible = suspect.is_possible(cause.error.amplitude);
+                possible.then(|| misfit::fault(&suspect, &cause, end.last_seq))
             });
-            let lacking = fault.or_else(|| words(report.suspicion?, of_the_model, misfit::error));
+            let lacking = fault.or_else(|| {
+                let suspicion = report.suspicion?;
+                let suspect = self.rows.suspect(suspicion.suspect)?;
+                let possible = suspect.is_possible_from_the_start(suspicion.amplitude);
+                possible.then(|| misfit::error(&suspect, &suspicion, end.last_seq))
+            });
             lacking.or_else(|| {
                 let (parameter, error) = report.limited?;
                 let name = self.rows.suspect(self.rows.suspects() + parameter)?.parameter?;

@@ -1,6 +1,6 @@
 //! Status texts about errors that a model lacks.
 
-use crate::estimator::Suspicion;
+use crate::estimator::{Cause, Suspicion};
 use crate::messages::{ERROR_TEXT, ErrorCode, FixedText, LastError};
 use crate::rows::{Suspect, SuspectKind};
 use std::fmt::{self, Write as _};
@@ -10,19 +10,18 @@ use std::fmt::{self, Write as _};
 pub fn error(suspect: &Suspect, suspicion: &Suspicion, seq: u64) -> LastError {
     let share = 10.0 * (10.0 * suspicion.share).round();
     let what = format_args!("{:.0} % of the misfit", share.max(10.0));
-    explanation(suspect, suspicion.amplitude, what, seq)
+    explanation("", suspect, suspicion.amplitude, what, seq)
 }
 
-/// "another drive gain at joint 1 would explain the change (-5.0 %)".
-pub fn fault(suspect: &Suspect, suspicion: &Suspicion, seq: u64) -> LastError {
-    explanation(suspect, suspicion.amplitude, format_args!("the change"), seq)
-}
-
-/// "changed parameters or another drive gain at joint 1 would explain the change (-5.0 %)".
-pub fn fault_or_parameters(suspect: &Suspect, suspicion: &Suspicion, seq: u64) -> LastError {
-    let mut words = FixedText::default();
-    let _cut = words.write_str("changed parameters or ");
-    explanation_after(words, suspect, suspicion.amplitude, format_args!("the change"), seq)
+/// "another drive gain at joint 1 would explain the change (-5.0 %)", after "changed parameters or"
+/// if these explain it as well.
+pub fn fault(suspect: &Suspect, cause: &Cause, seq: u64) -> LastError {
+    let before = if cause.or_parameters {
+        "changed parameters or "
+    } else {
+        ""
+    };
+    explanation(before, suspect, cause.error.amplitude, format_args!("the change"), seq)
 }
 
 /// "most of theta_9's std may be an input delay and others, unseen".
@@ -34,20 +33,12 @@ pub fn limit(parameter: &str, suspect: &Suspect, seq: u64) -> LastError {
     LastError::with_text(ErrorCode::Misfit, seq, words.as_str())
 }
 
-fn explanation(suspect: &Suspect, amplitude: f64, what: fmt::Arguments<'_>, seq: u64) -> LastError {
-    explanation_after(FixedText::default(), suspect, amplitude, what, seq)
-}
-
-/// The same after these words.
-fn explanation_after(
-    mut words: FixedText<ERROR_TEXT>,
-    suspect: &Suspect,
-    amplitude: f64,
-    what: fmt::Arguments<'_>,
-    seq: u64,
-) -> LastError {
+fn explanation(before: &str, suspect: &Suspect, amplitude: f64, what: fmt::Arguments<'_>, seq: u64) -> LastError {
+    let mut words = FixedText::<ERROR_TEXT>::default();
     // an error only means that the text was truncated
-    let cause = suspect.write(amplitude, &mut words);
+    let cause = words
+        .write_str(before)
+        .and_then(|()| suspect.write(amplitude, &mut words));
     let _cut = cause
         .and_then(|()| write!(words, " would explain {what}"))
         .and_then(|()| match suspect.kind {
@@ -135,19 +126,18 @@ mod tests {
             );
             assert!(error.words().len() < ERROR_TEXT && error.code == ErrorCode::Misfit as u32);
             assert!(super::limit("theta_9", &suspect, 9).words().ends_with(", unseen"));
-            let fault = fault(&suspect, &suspicion, 9);
-            assert!(fault.words().contains("would explain the change"), "{}", fault.words());
-            let either = fault_or_parameters(&suspect, &suspicion, 9);
-            assert!(
-                either.words().starts_with("changed parameters or "),
-                "{}",
-                either.words()
-            );
-            assert!(
-                either.words().contains("would explain the change"),
-                "{}",
-                either.words()
-            );
+            for (or_parameters, first) in [(false, ""), (true, "changed parameters or ")] {
+                let cause = Cause {
+                    error: suspicion,
+                    or_parameters,
+                };
+                let fault = fault(&suspect, &cause, 9);
+                let words = fault.words();
+                assert!(
+                    words.starts_with(first) && words.contains("would explain the change"),
+                    "{words}"
+                );
+            }
         }
     }
 

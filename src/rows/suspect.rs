@@ -176,8 +176,8 @@ impl Suspect<'_> {
         (self.smallest..=self.largest).contains(&amplitude.abs())
     }
 
-    /// True if the machine can have had the error all the time: friction and inertia can decrease,
-    /// but a model cannot lack a negative one.
+    /// True if the machine can have had the error since the start. A change can be a loss of
+    /// friction or inertia, but neither of them can be negative.
     pub fn is_possible_from_the_start(&self, amplitude: f64) -> bool {
         let positive = matches!(
             self.kind,

@@ -85,7 +85,7 @@ pub(super) struct SuspectColumns {
     /// Root mean square of the velocity that belongs to each equation, in the first block in which
     /// the joint moved; 0 until then.
     speeds: Vec<f64>,
-    /// The largest so far.
+    /// The largest root mean square of that velocity so far, of blocks in which the joint moved.
     fastest: Vec<f64>,
     /// The integrands of the friction columns, per equation and sample; empty if there are none.
     frictions: Vec<[Vec<f64>; 2]>,
@@ -247,7 +247,7 @@ impl SuspectColumns {
         }
     }
 
-    /// Standard deviation of the viscous friction that parameter i contains as back EMF.
+    /// Standard deviation that viscous friction adds to a parameter of back EMF, 0 for others.
     pub fn inseparable_std(&self, parameter: usize) -> f64 {
         let through_drives = self.through_drives.iter().enumerate();
         let own = through_drives.filter_map(|(e, own)| {

@@ -43,9 +43,9 @@ pub(super) struct Records {
     pub(super) csv: Option<EstimatesCsv<File>>,
     recorder: Option<Recorder>,
     flushed: Instant,
-    /// Lost samples, as last reported to the identifier, and those that a launched simulation loses
-    /// on purpose.
+    /// Lost samples, as last reported to the identifier.
     told_missing: u64,
+    /// Samples that a launched simulation loses on purpose; they do not count as lost.
     simulated: Option<SimulatedLosses>,
     /// True if the recording ended before its run.
     broken: bool,
@@ -105,6 +105,7 @@ impl Records {
         })
     }
 
+    /// Samples missing in a recording that no simulation has lost on purpose.
     fn lost_samples(&mut self, written: &RecorderStatus) -> u64 {
         let (sent, missing) = (written.samples + written.samples_missing, written.samples_missing);
         missing.saturating_sub(self.simulated.as_mut().map_or(0, |losses| losses.among(sent)))

@@ -380,8 +380,8 @@ fn ident_a_right_model_lacks_no_resonance() {
 }
 
 /// Slow motion holds the rounding error of a position for many samples, and a payload that is picked
-/// up meanwhile looks like an offset. A cause was named in each of these runs; in `docs/trials.md` it is
-/// now one in 3 of 16.
+/// up meanwhile looks like an offset. Without the rules for both, each of these 8 runs ends with a cause
+/// that the arm does not have. 3 of the 16 runs of `docs/trials.md` still do, and these 8 are among them.
 #[test]
 fn ident_slow_motion_of_a_right_model_is_seldom_said_to_lack_a_term() {
     let mut named = Vec::new();

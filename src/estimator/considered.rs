@@ -191,6 +191,7 @@ impl Considered {
     pub fn visit(&mut self, v: &mut impl Visit) {
         v.reals(&mut self.sensitivity);
         v.reals(&mut self.moments);
+        v.reals(&mut self.inseparable);
         v.count(&mut self.end_ns);
     }
 
@@ -199,6 +200,7 @@ impl Considered {
         self.end_ns = 0;
         self.sensitivity.fill(0.0);
         self.moments.fill(0.0);
+        self.inseparable.fill(0.0);
     }
 
     /// Refers T to the θ that `curvature` was turned to.
@@ -217,7 +219,9 @@ impl Considered {
     /// Adopts the errors of the rows, for these parameters among all and those that are `fixed`.
     pub fn begin(&mut self, rows: &dyn Summable, parameters: Range<usize>, fixed: &[bool]) {
         for ((i, fixed), variance) in parameters.zip(fixed).zip(&mut self.inseparable) {
-            *variance = if *fixed { 0.0 } else { rows.inseparable_std(i).powi(2) };
+            // Rows that have not seen their joint move yet, after a start or in a new stream, know none.
+            let known = Some(rows.inseparable_std(i).powi(2)).filter(|own| *own > 0.0);
+            *variance = if *fixed { 0.0 } else { known.unwrap_or(*variance) };
         }
         self.known = rows.suspects().min(self.drifts.start).min(self.scores.len());
         self.count = if self.drifts.is_empty() {

@@ -3,7 +3,8 @@
 
 use super::support::TestRng;
 use thetabus::estimator::{
-    BlockEstimator, EquationNoise, EstimatorOptions, Forgetting, ParameterPrior, Residuals, Structure, Suspicion,
+    BlockEstimator, EquationNoise, EstimatorOptions, EstimatorState, Forgetting, ParameterPrior, Residuals,
+    StateMachine, Structure, Suspicion,
 };
 use thetabus::model::{JointSample, Manipulator, Plant};
 use thetabus::rows::{
@@ -302,6 +303,8 @@ fn fault_an_offset_in_slow_motion_makes_no_weight_confidently_wrong() {
 struct Line {
     rows: Vec<([f64; 2], f64, f64)>,
     std: f64,
+    /// Standard deviation of an error that acts exactly like θ₁; 0 if the rows do not know it yet.
+    inseparable_std: f64,
 }
 
 impl Line {
@@ -316,6 +319,7 @@ impl Line {
         Self {
             rows: rows.collect(),
             std,
+            inseparable_std: 0.0,
         }
     }
 }
@@ -338,21 +342,52 @@ impl Residuals for Line {
     fn suspect_row(&self, _: usize, index: usize, columns: &mut [f64]) {
         columns[0] = self.rows[index].2;
     }
+    fn inseparable_std(&self, parameter: usize) -> f64 {
+        if parameter == 0 { self.inseparable_std } else { 0.0 }
+    }
+}
+
+fn estimator_of_lines() -> BlockEstimator {
+    let structure = Structure {
+        params: 2,
+        equations: vec![0..2],
+    };
+    let mut options = EstimatorOptions::recommended(vec![1.0, 1.0], 1);
+    options.forgetting = Forgetting::Exponential;
+    options.forgetting_factor = 0.8;
+    options.equations = vec![EquationNoise::WHITENED];
+    options.change_detection = None;
+    BlockEstimator::new(structure, options).unwrap()
+}
+
+/// Rows learn how large the error is while the joint moves. A new stream, or a program that starts
+/// again from a checkpoint, has rows that do not know it yet.
+#[test]
+fn regress_rows_that_start_anew_do_not_end_the_allowance_for_an_inseparable_error() {
+    let known = Line {
+        inseparable_std: 0.5,
+        ..Line::new(1, 0.0, 0.0, 1.0)
+    };
+    let mut estimator = estimator_of_lines();
+    let mut judge = StateMachine::new(estimator.theta());
+    estimator.update(&known);
+    let mut state = EstimatorState::default();
+    estimator.save(&mut judge, &mut state);
+    let mut warm = estimator_of_lines();
+    warm.load(&mut judge, &state).unwrap();
+
+    for mut estimator in [estimator, warm] {
+        estimator.update(&Line::new(2, 0.0, 0.0, 1.0));
+        // from 80 rows the noise alone leaves 0.2
+        let std = &estimator.report().theta_std;
+        assert!((0.5..0.6).contains(&std[0]) && std[1] < 0.3, "{std:?}");
+    }
 }
 
 #[test]
 fn val_sigma_grows_by_what_the_data_leave_open_of_an_error() {
     let run = |a: f64, std: f64, seen: f64| {
-        let structure = Structure {
-            params: 2,
-            equations: vec![0..2],
-        };
-        let mut options = EstimatorOptions::recommended(vec![1.0, 1.0], 1);
-        options.forgetting = Forgetting::Exponential;
-        options.forgetting_factor = 0.8;
-        options.equations = vec![EquationNoise::WHITENED];
-        options.change_detection = None;
-        let mut estimator = BlockEstimator::new(structure, options).unwrap();
+        let mut estimator = estimator_of_lines();
         (1..=5).for_each(|block| {
             estimator.update(&Line::new(block, a, std, seen));
         });

@@ -68,6 +68,7 @@ impl Domain {
     /// The domain called `name`, below `$XDG_RUNTIME_DIR` if that is set and below /tmp
     /// otherwise.
     ///
+    /// # Errors
     /// If the name is not `[a-z0-9_-]{1,32}`, or the paths of its sockets would exceed 107 bytes.
     pub fn new(name: &str) -> Result<Self, BusError> {
         let runtime_dir = std::env::var_os("XDG_RUNTIME_DIR").filter(|dir| !dir.is_empty());

@@ -51,7 +51,7 @@ impl Tender {
 
     /// Checks once, and removes what is due; returns the number of objects that may become due
     /// within [`GRACE`].
-    pub(super) fn look(&mut self) -> usize {
+    pub(super) fn sweep_once(&mut self) -> usize {
         let found = half_made(&self.domain);
         self.first_seen
             .retain(|path, _| found.iter().any(|(other, _)| other == path));
@@ -87,7 +87,7 @@ impl Tender {
 /// there are any.
 pub(super) fn sweep(domain: &Domain) -> usize {
     let mut tender = Tender::new(domain);
-    while tender.look() > 0 {
+    while tender.sweep_once() > 0 {
         std::thread::sleep(PAUSE);
     }
     tender.removed
@@ -219,7 +219,7 @@ mod tests {
         let mut tender = Tender::new(&domain.0);
         let start = Instant::now();
         while path.exists() {
-            tender.look();
+            tender.sweep_once();
             assert!(start.elapsed() < 20 * QUEUE_LIMIT, "still there");
             std::thread::sleep(PAUSE);
         }
@@ -233,7 +233,7 @@ mod tests {
         let mut tender = Tender::new(&domain.0);
         let start = Instant::now();
         while path.exists() {
-            tender.look();
+            tender.sweep_once();
             assert!(start.elapsed() < 20 * MAKER_LIMIT, "still there");
             std::thread::sleep(PAUSE);
         }

@@ -7,7 +7,7 @@
 use super::domain::check_name;
 use super::half_made;
 use super::membership::{Lock, RoleFile, exists, lock_members, others_live, remove_domain};
-use super::objects::{SHM, entries, is_ours, is_service_memory, mapped_memory, refuse_foreign};
+use super::objects::{SHM, entries, is_ours, is_service_memory, mapped_memory, refuse_foreign, unused};
 use super::orphans;
 use super::time_limit::within;
 use super::watch::Watch;
@@ -329,11 +329,8 @@ fn clean_up(domain: &Domain) -> Result<Cleaned, BusError> {
     else {
         return Ok(cleaned);
     };
-    for entry in entries(Path::new(SHM)).filter(|entry| is_ours(entry) && is_settled(entry)) {
-        let name = entry.file_name().to_string_lossy().into_owned();
-        if is_service_memory(&name, domain.prefix()) && !mapped.contains(&format!("{SHM}/{name}")) {
-            cleaned.files += usize::from(std::fs::remove_file(entry.path()).is_ok());
-        }
+    for entry in unused(domain, &mapped, is_service_memory).filter(is_settled) {
+        cleaned.files += usize::from(std::fs::remove_file(entry.path()).is_ok());
     }
     let readable: HashSet<String> = service_files(&config, domain);
     for entry in entries(&domain.root().join("services")).filter(is_settled) {

@@ -53,6 +53,9 @@ pub struct RoleLock {
 
 impl RoleLock {
     /// Takes the role, or reports its holder.
+    ///
+    /// # Errors
+    /// If the robot's name is invalid, another process has the role, or the lock cannot be used.
     pub fn acquire(domain: &Domain, robot: &str, role: Role) -> Result<Self, BusError> {
         check_name("robot", robot)?;
         let name = format!("{robot}.{}.lock", role.file_stem());

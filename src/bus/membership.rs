@@ -12,7 +12,7 @@
 use super::half_made;
 use super::lock_file::open_lock;
 use super::management;
-use super::objects::{SHM, entries, is_management, is_ours, is_service_memory, mapped_memory, refuse_foreign};
+use super::objects::{SHM, entries, is_management, is_service_memory, mapped_memory, refuse_foreign, unused};
 use super::orphans;
 use super::time_limit::within;
 use super::watch::Watch;
@@ -241,7 +241,8 @@ pub(super) fn exists(pid: i32) -> bool {
     kill(Pid::from_raw(pid), None) != Err(nix::errno::Errno::ESRCH)
 }
 
-/// True if there are services although no living process has created any.
+/// True if there are files of services. Only for a domain without another living process, whose
+/// files are left over.
 fn leaves_services(domain: &Domain) -> bool {
     entries(&domain.root().join("services")).next().is_some()
 }
@@ -267,33 +268,15 @@ fn sweep(domain: &Domain) -> usize {
 
 /// Shared-memory objects of the domain's services that belong to this user and that no process has
 /// mapped.
-///
-/// The names depend only on the domain. The same user may have another domain of this name below
-/// another root directory, from sessions with and without $XDG_RUNTIME_DIR; objects in use there
-/// are mapped.
 fn unused_memory(domain: &Domain) -> Vec<DirEntry> {
     let mapped = mapped_memory(domain, &[]).unwrap_or_default();
-    entries(Path::new(SHM))
-        .filter(|entry| {
-            let name = entry.file_name();
-            is_ours(entry)
-                && name.to_str().is_some_and(|name| {
-                    is_service_memory(name, domain.prefix()) && !mapped.contains(&format!("{SHM}/{name}"))
-                })
-        })
-        .collect()
+    unused(domain, &mapped, is_service_memory).collect()
 }
 
 /// Removes the object that iceoryx2 keeps once per domain; call it only if no process lives there.
 fn remove_management(domain: &Domain) -> usize {
     let mapped = mapped_memory(domain, &[]).unwrap_or_default();
-    let is_unused = |entry: &DirEntry| {
-        let name = entry.file_name();
-        name.to_str()
-            .is_some_and(|name| is_management(name, domain.prefix()) && !mapped.contains(&format!("{SHM}/{name}")))
-    };
-    entries(Path::new(SHM))
-        .filter(|entry| is_ours(entry) && is_unused(entry))
+    unused(domain, &mapped, is_management)
         .filter(|entry| std::fs::remove_file(entry.path()).is_ok())
         .count()
 }

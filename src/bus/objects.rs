@@ -45,6 +45,25 @@ pub(super) fn of_domain(domain: &Domain) -> impl Iterator<Item = DirEntry> + use
     })
 }
 
+/// This user's objects of a domain that are not `mapped` and whose names `belong`.
+///
+/// The names depend only on the domain. The same user may have another domain of this name below
+/// another root directory, from sessions with and without $XDG_RUNTIME_DIR; objects in use there
+/// are mapped.
+pub(super) fn unused(
+    domain: &Domain,
+    mapped: &HashSet<String>,
+    belongs: fn(name: &str, prefix: &str) -> bool,
+) -> impl Iterator<Item = DirEntry> {
+    entries(Path::new(SHM)).filter(move |entry| {
+        let name = entry.file_name();
+        is_ours(entry)
+            && name
+                .to_str()
+                .is_some_and(|name| belongs(name, domain.prefix()) && !mapped.contains(&format!("{SHM}/{name}")))
+    })
+}
+
 /// Refuses a domain if another user has an object under its names: the owner could read, damage or
 /// never complete it.
 pub(super) fn refuse_foreign(domain: &Domain) -> Result<(), BusError> {

@@ -47,6 +47,10 @@ impl fmt::Debug for Bus {
 impl Bus {
     /// Joins a domain; `name` identifies this program to others. Cleans up resources of dead
     /// processes.
+    ///
+    /// # Errors
+    /// If the robot's name is invalid, the domain's directory cannot be used, another user owns its
+    /// objects, or a time limit passes.
     pub fn join(domain: &Domain, robot: &str, name: &str) -> Result<Self, BusError> {
         check_name("robot", robot)?;
         // iceoryx2's messages about retries and missing files are not useful to users; ours name

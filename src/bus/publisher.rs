@@ -26,6 +26,9 @@ pub(super) const fn bytes_of<T: Latched>(subscribers: usize) -> u64 {
 
 impl<T: Latched> Publisher<T> {
     /// Becomes a publisher of the topic.
+    ///
+    /// # Errors
+    /// If there is no memory for the topic, or it cannot be opened.
     pub fn new(bus: &Bus) -> Result<Self, BusError> {
         let claim = memory::claim(bus, T::TOPIC, bytes_of::<T>(bus.domain().limits().estimate_subscribers))?;
         let service = bus.latched::<T>()?;
@@ -55,12 +58,18 @@ impl<T: Latched> Publisher<T> {
     /// From now on keeps fewer messages in transit than a queue holds, by the receipts of the one
     /// reader that [gives them](super::Subscriber::give_receipts): for runs in which nothing may be
     /// lost. A reader silent for `limit` is not awaited again, and none is once `stop` is set.
+    ///
+    /// # Errors
+    /// If the topic of the receipts cannot be opened.
     pub fn await_receipts(&mut self, bus: &Bus, limit: Duration, stop: Arc<AtomicBool>) -> Result<(), BusError> {
         self.receipts = Some(ReceiptBook::new(bus, T::TOPIC, limit, stop)?);
         Ok(())
     }
 
     /// Sends a copy and wakes the consumers. Never waits for them, unless receipts are awaited.
+    ///
+    /// # Errors
+    /// If the bus fails.
     pub fn send(&mut self, message: &T) -> Result<(), BusError> {
         if let Some(receipts) = &mut self.receipts {
             receipts.before_send()?;
@@ -88,6 +97,9 @@ impl<T: Latched> Publisher<T> {
 
     /// Sends the last message to subscribers that have joined since; call it once per
     /// [`IDLE_TICK`](super::IDLE_TICK).
+    ///
+    /// # Errors
+    /// If the bus fails.
     pub fn serve_late_joiners(&mut self) -> Result<(), BusError> {
         self.port.update_connections().map_err(|e| BusError::Transfer {
             topic: T::TOPIC,

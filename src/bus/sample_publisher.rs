@@ -110,6 +110,9 @@ pub struct SamplePublisher {
 
 impl SamplePublisher {
     /// Creates the topic; `stop` shortens every wait once it is set.
+    ///
+    /// # Errors
+    /// If there is no memory for the topic, or it cannot be opened.
     pub fn new(bus: &Bus, delivery: Delivery, stop: Arc<AtomicBool>) -> Result<Self, BusError> {
         let limits = bus.domain().limits();
         let (buffer, required) = match delivery {
@@ -185,12 +188,15 @@ impl SamplePublisher {
     }
 
     /// In lockstep: waits for the consumers, and fails if they do not attach within the limit.
+    ///
+    /// # Errors
+    /// If they do not attach within the limit, or the bus fails.
     pub fn wait_for_consumers(&mut self) -> Result<Attached, BusError> {
         let Delivery::Lockstep { consumers, limit } = self.delivery else {
             return Ok(Attached::Yes);
         };
         let start = Instant::now();
-        let mut told = false;
+        let mut logged = false;
         while self.attached() < consumers {
             if self.stop.load(Ordering::Relaxed) {
                 return Ok(Attached::Stopped);
@@ -205,8 +211,8 @@ impl SamplePublisher {
                     limit_s: limit.as_secs_f64(),
                 });
             }
-            if !told && start.elapsed() > Duration::from_secs(1) {
-                told = true;
+            if !logged && start.elapsed() > Duration::from_secs(1) {
+                logged = true;
                 tracing::info!(
                     attached = self.attached(),
                     expected = consumers,
@@ -232,6 +238,9 @@ impl SamplePublisher {
 
     /// Sends a copy. In real time it never waits; in lockstep it returns when every consumer has it
     /// or was abandoned.
+    ///
+    /// # Errors
+    /// If the bus fails.
     pub fn send(&mut self, message: &Sample) -> Result<(), BusError> {
         let sent = self.attempt(message, 0)?;
         match self.delivery {
@@ -268,6 +277,9 @@ impl SamplePublisher {
     }
 
     /// Connects to consumers that have joined since; call it once per [`IDLE_TICK`].
+    ///
+    /// # Errors
+    /// If the bus fails.
     pub fn serve_late_joiners(&mut self) -> Result<(), BusError> {
         self.port
             .update_connections()
@@ -311,7 +323,7 @@ impl SamplePublisher {
     /// Repeats a sample until every consumer has it or the limit has passed.
     fn insist(&mut self, message: &Sample, limit: Duration) -> Result<(), BusError> {
         let mut start = Instant::now();
-        let mut told = false;
+        let mut logged = false;
         loop {
             // Frees the queues of the dead.
             self.bus.clean_up_dead();
@@ -326,8 +338,8 @@ impl SamplePublisher {
             if start.elapsed() > patience {
                 self.give_up(sent, patience);
                 start = Instant::now();
-            } else if !told && start.elapsed() > Duration::from_secs(1) {
-                told = true;
+            } else if !logged && start.elapsed() > Duration::from_secs(1) {
+                logged = true;
                 warn!(
                     seq = message.seq,
                     attached = self.attached(),

@@ -35,6 +35,9 @@ struct Connection {
 
 impl SampleSubscriber {
     /// Prepares to receive; connects now if there is a publisher, otherwise later.
+    ///
+    /// # Errors
+    /// If there is no memory or no place for another subscriber, or the topic cannot be opened.
     pub fn new(bus: &Bus) -> Result<Self, BusError> {
         let claim = memory::claim(bus, Topic::Sample, 0)?;
         let listener = listener(bus, Topic::Sample)?;
@@ -44,6 +47,9 @@ impl SampleSubscriber {
 
     /// The same for a subscriber that polls and needs no wake-up, which saves the publisher a
     /// system call per sample.
+    ///
+    /// # Errors
+    /// As for [`new`](Self::new).
     pub fn polled(bus: &Bus) -> Result<Self, BusError> {
         Self::with(bus, None)
     }
@@ -68,6 +74,9 @@ impl SampleSubscriber {
 
     /// Connects when a publisher has appeared, and disconnects when it has disappeared; call it
     /// once per [`IDLE_TICK`](super::IDLE_TICK), with an empty queue.
+    ///
+    /// # Errors
+    /// If the bus fails.
     pub fn refresh(&mut self) -> Result<(), BusError> {
         match &self.connection {
             Some(connection) if connection.service.dynamic_config().number_of_publishers() == 0 => {
@@ -120,6 +129,9 @@ impl SampleSubscriber {
 
     /// Waits until a sample may be there; at most `timeout`. Signals end the wait early. A
     /// [polled](Self::polled) one sleeps.
+    ///
+    /// # Errors
+    /// If the bus fails.
     pub fn wait(&self, timeout: Duration) -> Result<(), BusError> {
         match &self.listener {
             Some(listener) => wait(listener, Topic::Sample, timeout),
@@ -138,12 +150,18 @@ impl SampleSubscriber {
     /// Passes the samples that have arrived to `take`, at most `limit`; returns their number.
     ///
     /// A sample that was sent again, because another consumer missed it, is passed on only once.
+    ///
+    /// # Errors
+    /// If the bus fails.
     pub fn drain(&mut self, limit: usize, mut take: impl FnMut(&Sample)) -> Result<usize, BusError> {
         self.drain_timed(limit, |sample, _| take(sample))
     }
 
     /// As [`drain`](Self::drain), with the time of sending \[ns of CLOCK_MONOTONIC\] of each
     /// sample.
+    ///
+    /// # Errors
+    /// If the bus fails.
     pub fn drain_timed(&mut self, limit: usize, mut take: impl FnMut(&Sample, u64)) -> Result<usize, BusError> {
         let Some(connection) = &self.connection else {
             return Ok(0);

@@ -50,7 +50,7 @@ impl ForeignSchemas {
 pub(super) struct Speaker {
     current: Option<u128>,
     stranger: Option<(u128, Instant)>,
-    told: Option<u128>,
+    logged: Option<u128>,
     count: u64,
 }
 
@@ -85,10 +85,10 @@ impl Speaker {
     }
 
     fn tell(&mut self, topic: Topic, ports: &[Port], publisher: u128, listened_to: Option<i32>) {
-        if self.told == Some(publisher) {
+        if self.logged == Some(publisher) {
             return;
         }
-        self.told = Some(publisher);
+        self.logged = Some(publisher);
         let name = |pid: Option<i32>| pid.map_or("unknown".to_owned(), |pid| pid.to_string());
         let stranger = ports.iter().find(|(id, _)| *id == publisher).and_then(|(_, pid)| *pid);
         tracing::warn!(

@@ -27,6 +27,9 @@ pub struct Subscriber<T: Latched> {
 
 impl<T: Latched> Subscriber<T> {
     /// Subscribes, whether or not there is a publisher yet.
+    ///
+    /// # Errors
+    /// If there is no memory or no place for another subscriber, or the topic cannot be opened.
     pub fn new(bus: &Bus) -> Result<Self, BusError> {
         let claim = memory::claim(bus, T::TOPIC, 0)?;
         let listener = match T::WAKES {
@@ -52,6 +55,9 @@ impl<T: Latched> Subscriber<T> {
 
     /// From now on acknowledges each received message; for the one reader that the publisher [waits
     /// for](super::Publisher::await_receipts).
+    ///
+    /// # Errors
+    /// If the topic of the receipts cannot be opened.
     pub fn give_receipts(&mut self, bus: &Bus) -> Result<(), BusError> {
         self.receipts = Some(Receipts::new(bus, T::TOPIC)?);
         Ok(())
@@ -60,6 +66,9 @@ impl<T: Latched> Subscriber<T> {
     /// Waits until a message may be there; at most `timeout`. Signals end the wait early.
     ///
     /// Status does not wake readers: there this is a pause of length `timeout`.
+    ///
+    /// # Errors
+    /// If the bus fails.
     pub fn wait(&self, timeout: Duration) -> Result<(), BusError> {
         match &self.listener {
             Some(listener) => wait(listener, T::TOPIC, timeout),
@@ -86,6 +95,9 @@ impl<T: Latched> Subscriber<T> {
 
     /// As [`drain`](Self::drain), with the time of sending \[ns of CLOCK_MONOTONIC\] of each
     /// message.
+    ///
+    /// # Errors
+    /// If the bus fails.
     pub fn drain_timed(&mut self, mut take: impl FnMut(&T, u64)) -> Result<usize, BusError> {
         let mut count = 0;
         while self.take_one(&mut take)? {

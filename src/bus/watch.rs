@@ -42,7 +42,7 @@ impl Watch {
             .spawn(move || {
                 let mut pause = PERIOD;
                 while stopped.recv_timeout(pause) == Err(RecvTimeoutError::Timeout) {
-                    pause = if tender.look() > 0 { CLOSELY } else { PERIOD };
+                    pause = if tender.sweep_once() > 0 { CLOSELY } else { PERIOD };
                 }
             })
             .map_err(|source| BusError::Thread {

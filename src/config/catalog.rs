@@ -186,8 +186,8 @@ fn manipulator(form: &FileForm, check: &mut Check<'_>) -> Option<SharedModel> {
         offset: form.model.offset,
     };
     if terms.coulomb_friction && form.identifier.rows == RowsKind::Pointwise {
-        let message = "expected false with identifier.rows = \"pointwise\", since a friction that jumps has no derivative to be measured, got true; \
-                       identifier.rows = \"projected\" has none either and needs none";
+        let message = "expected false with identifier.rows = \"pointwise\", which needs the derivative of friction that jumps, got true; \
+                       identifier.rows = \"projected\" needs none";
         check.wrong(check.culprit(&["model.coulomb_friction", "identifier.rows"]), message);
         return None;
     }

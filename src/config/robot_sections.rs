@@ -341,5 +341,24 @@ pub(super) fn columns(section: &LogForm, n: usize, check: &mut Check<'_>) -> Opt
         input: list("input_columns", &section.input_columns, in_order.input, ""),
         velocity,
     };
+    if check.problems.len() == before
+        && let Some(twice) = named_twice(&columns)
+    {
+        let keys = [
+            "log.input_columns",
+            "log.velocity_columns",
+            "log.position_columns",
+            "log.time_column",
+        ];
+        let message = format!("expected a column of its own for time and for each signal, got column {twice} twice");
+        check.wrong(check.culprit(&keys), message);
+    }
     (check.problems.len() == before).then_some(columns)
+}
+
+fn named_twice(columns: &LogColumns) -> Option<usize> {
+    let signals = [&columns.position, &columns.velocity, &columns.input];
+    let mut all: Vec<usize> = signals.into_iter().flatten().copied().chain([columns.time]).collect();
+    all.sort_unstable();
+    all.windows(2).find_map(|pair| (pair[0] == pair[1]).then_some(pair[0]))
 }

@@ -97,7 +97,7 @@ impl BlockEstimator {
     /// True while the cause of the last change is sought: the next rows should then have columns
     /// for all errors that can arise while a machine runs.
     pub fn inquires(&self) -> bool {
-        self.groups.inquest.is_open(&self.groups)
+        self.groups.cause_search.is_open(&self.groups)
     }
 
     /// The evidence of the last block.
@@ -219,16 +219,10 @@ impl BlockEstimator {
         outcome
     }
 
-    /// Adopts the options that may change at run time, and no others: λ, ε, iterations, step limit,
-    /// outlier limits, false-alarm rate and margin. Allocates nothing.
-    pub fn retune(&mut self, options: &EstimatorOptions) {
-        let own = &mut self.options;
-        own.forgetting_factor = options.forgetting_factor;
-        own.information_floor = options.information_floor;
-        own.max_iterations = options.max_iterations;
-        own.step_factor = options.step_factor;
-        own.outliers = options.outliers;
-        own.change_detection = options.change_detection;
+    /// Adopts the [options that may change at run time](EstimatorOptions::exchange_tunables), and
+    /// returns the previous ones in `options`. Allocates nothing.
+    pub fn exchange_tunables(&mut self, options: &mut EstimatorOptions) {
+        self.options.exchange_tunables(options);
         for group in self.groups.iter_mut() {
             group.retune(&self.options);
         }
@@ -298,7 +292,7 @@ impl BlockEstimator {
     fn learn(&mut self, rows: &dyn Summable) -> &Report {
         self.begin(rows);
         // all groups or none: the estimates of all groups must be of the same block
-        if rows.is_empty() || !self.groups.look(rows, &self.theta) {
+        if rows.is_empty() || !self.groups.innovate(rows, &self.theta) {
             let held = if rows.is_empty() { Held::Empty } else { Held::NotFinite };
             self.report.hold(held);
             return &self.report;
@@ -362,7 +356,6 @@ impl BlockEstimator {
                 group.single_step(&mut self.theta);
                 self.report.iterations = 1;
             } else {
-                // a rejected line fit may have changed the priors
                 let fit = group.fit(rows, 0..rows.len(), &mut self.theta, &self.options);
                 self.report.note(fit);
             }
@@ -405,7 +398,7 @@ impl BlockEstimator {
                 if fits {
                     group.confirmation.take(&group.equations, &group.at, None, 1.0);
                 }
-                group.clusters.end(true, group.noise_is_told(), |_| 0.0);
+                group.clusters.end(true, group.noise_is_configured(), |_| 0.0);
                 continue;
             }
             if changed {
@@ -422,8 +415,8 @@ impl BlockEstimator {
             if stepped {
                 std::mem::swap(&mut group.at, &mut group.trial);
             }
-            let (told, excitation) = (group.noise_is_told(), &group.excitation);
-            group.clusters.end(changed, told, |i| excitation.share(i));
+            let (configured, excitation) = (group.noise_is_configured(), &group.excitation);
+            group.clusters.end(changed, configured, |i| excitation.share(i));
             self.score_test.take(k, &group.evidence());
         }
         self.later.copy_from_slice(&self.theta);
@@ -451,10 +444,10 @@ impl BlockEstimator {
         for (k, group) in self.groups.iter_mut().enumerate() {
             let line = lines >> k & 1 == 1;
             for (e, sums) in group.equations.iter().zip(&group.at) {
-                let told = e.floor > 0.0;
+                let configured = e.floor > 0.0;
                 let level = NoiseLevel {
-                    variance: if told { e.floor * e.floor } else { e.variance },
-                    freedom: if told { f64::INFINITY } else { e.freedom },
+                    variance: if configured { e.floor * e.floor } else { e.variance },
+                    freedom: if configured { f64::INFINITY } else { e.freedom },
                 };
                 let fit = if line {
                     EquationFit::of_line(sums, level)
@@ -503,7 +496,7 @@ impl BlockEstimator {
         };
         if change.kind != ChangeKind::Drift {
             self.since_change = 0;
-            self.groups.begin_inquest(rows);
+            self.groups.begin_cause_search(rows);
         }
         self.groups.doubt(&self.theta);
         self.report.change = Some(change);

@@ -10,9 +10,9 @@
 //!
 //! P is the true error covariance of θ̄ (not the inverse information, which forgetting makes too
 //! large by the factor 1 + λ), r the number of directions that the block informs on, ν the degrees
-//! of freedom of σ². A⁻¹ does not exist if the block informs on nothing, so T is formed from A d =
-//! A (θ_m − θ̄) + g(θ_m), g the score, which needs no block fit: with P = L Lᵀ and (b_k, q_k) the
-//! eigenpairs of LᵀAL,
+//! of freedom of σ². A⁻¹ does not exist if the block leaves a direction open, so T is formed from A
+//! d = A (θ_m − θ̄) + g(θ_m), g the score, which needs no block fit: with P = L Lᵀ and (b_k, q_k)
+//! the eigenpairs of LᵀAL,
 //!
 //! ```text
 //! T = Σ_k (q_kᵀ Lᵀ A d)² / (b_k (1 + b_k))
@@ -47,7 +47,7 @@
 //! then left out, and the block is a misfit.
 
 use super::Forward;
-use super::equation::{EquationState, TINY};
+use super::equation::{EquationState, TINY, add_gram, add_score};
 use super::fit::Fit;
 use super::group::GroupState;
 use super::linalg::{Cholesky, dot, gather};
@@ -362,13 +362,8 @@ impl GroupState {
                         Forward(rows).sum(&pass, theta, sums);
                     }
                     total += weight * sums.cost;
-                    let p = sums.params;
-                    for i in 0..p {
-                        self.room.gradient[e.offset + i] += weight * sums.score[i];
-                        for j in 0..p {
-                            self.room.total[(e.offset + i) * n + e.offset + j] += weight * sums.gram[i * p + j];
-                        }
-                    }
+                    add_score(e, sums, weight, &mut self.room.gradient);
+                    add_gram(n, e, sums, weight, &mut self.room.total);
                 }
             }
             let mut least = total;

@@ -3,7 +3,7 @@
 //!
 //! ```text
 //! f(θ*)  = n + Σ_s a_s d_s                        the machine has errors a_s, a priori N(0, σ_s²)            (a)
-//! e_m    = A e_{m−1} + K Σ φ (n + Σ_s a_s d_s)    the error of θ̂, see the head of group.rs                   (b)
+//! e_m    = A e_{m−1} + K Σ φ (n + Σ_s a_s d_s)    the error of θ̂, see error_covariance.rs                    (b)
 //! T_s    ← A T_s + K Σ φ d_s                      so this is the error of θ̂ per unit of a_s                  (c)
 //! P_pub  = P + T M Tᵀ,  M = E[a aᵀ | data]        second moments, from score_test.rs; considered_covariance.rs (d)
 //! ```
@@ -219,7 +219,8 @@ impl Considered {
     /// Adopts the errors of the rows, for these parameters among all and those that are `fixed`.
     pub fn begin(&mut self, rows: &dyn Summable, parameters: Range<usize>, fixed: &[bool]) {
         for ((i, fixed), variance) in parameters.zip(fixed).zip(&mut self.inseparable) {
-            // Rows that have not seen their joint move yet, after a start or in a new stream, know none.
+            // Rows that have not seen their joint move yet, after a start or in a new stream, know
+            // none.
             let known = Some(rows.inseparable_std(i).powi(2)).filter(|own| *own > 0.0);
             *variance = if *fixed { 0.0 } else { known.unwrap_or(*variance) };
         }

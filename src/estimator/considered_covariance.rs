@@ -18,7 +18,8 @@
 use super::considered::Considered;
 
 impl Considered {
-    /// The error that widens parameter i most, and the variance that all errors add together.
+    /// The error that widens parameter i most, and the sum of the variances that the errors with
+    /// columns add one by one, without their correlations and without drifts.
     pub fn leading(&self, i: usize) -> Option<(usize, f64)> {
         let room = self.room();
         let widening = |s: usize| self.moments[s * room + s] * self.sensitivity[s * self.n + i].powi(2);

@@ -50,6 +50,10 @@ impl DriftWatch {
         self.still = if moves { 0 } else { self.still.saturating_add(1) };
         for group in groups.iter_mut().filter(|g| g.drift.active) {
             group.drift.active = explained && self.still < STILL_BLOCKS && group.end_line(theta);
+            if !group.drift.active {
+                // the fit of the line has left its own prior
+                group.prior_from_information();
+            }
         }
         let lines = drifting(groups);
         (lines, !explained && bends)

@@ -172,11 +172,11 @@ pub fn evaluate(
 }
 
 /// matrix += S_e of one equation.
-pub fn add_gram(n: usize, e: &EquationState, sums: &Sums, matrix: &mut [f64]) {
+pub fn add_gram(n: usize, e: &EquationState, sums: &Sums, weight: f64, matrix: &mut [f64]) {
     let p = sums.params;
     for i in 0..p {
         for j in 0..p {
-            matrix[(e.offset + i) * n + e.offset + j] += sums.gram[i * p + j];
+            matrix[(e.offset + i) * n + e.offset + j] += weight * sums.gram[i * p + j];
         }
     }
 }
@@ -184,16 +184,21 @@ pub fn add_gram(n: usize, e: &EquationState, sums: &Sums, matrix: &mut [f64]) {
 /// matrix += Σ_e S_e.
 pub fn add_grams(n: usize, equations: &[EquationState], sums: &[Sums], matrix: &mut [f64]) {
     for (e, sums) in equations.iter().zip(sums) {
-        add_gram(n, e, sums, matrix);
+        add_gram(n, e, sums, 1.0, matrix);
     }
 }
 
 /// gradient += Σ_e g_e.
 pub fn add_scores(equations: &[EquationState], sums: &[Sums], gradient: &mut [f64]) {
     for (e, sums) in equations.iter().zip(sums) {
-        for (g, s) in gradient[e.offset..].iter_mut().zip(&sums.score) {
-            *g += s;
-        }
+        add_score(e, sums, 1.0, gradient);
+    }
+}
+
+/// gradient += weight g_e.
+pub fn add_score(e: &EquationState, sums: &Sums, weight: f64, gradient: &mut [f64]) {
+    for (g, s) in gradient[e.offset..].iter_mut().zip(&sums.score) {
+        *g += weight * s;
     }
 }
 
@@ -206,11 +211,15 @@ pub fn mean_variance(equations: &[EquationState], sums: &[Sums]) -> f64 {
 }
 
 /// χ² of the residuals and its degrees of freedom, in units of the specified noise variance if
-/// `told`, else of the learnt one; and that variance.
-pub fn chi_square(equations: &[EquationState], sums: &[Sums], told: bool) -> (f64, f64, f64) {
+/// `configured`, else of the learnt one; and that variance.
+pub fn chi_square(equations: &[EquationState], sums: &[Sums], configured: bool) -> (f64, f64, f64) {
     let (mut misfit, mut freedom, mut unit, mut rows) = (0.0, 0.0, 0.0, 0.0);
     for (e, sums) in equations.iter().zip(sums) {
-        let variance = if told { e.floor * e.floor } else { e.variance.max(TINY) };
+        let variance = if configured {
+            e.floor * e.floor
+        } else {
+            e.variance.max(TINY)
+        };
         let own = (sums.rows - sums.outliers) as f64;
         misfit += sums.cost / variance;
         freedom += own - sums.params as f64;

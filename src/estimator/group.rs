@@ -43,7 +43,7 @@ pub struct GroupState {
     /// Covariance of the error of θ̂.
     pub errors: ErrorCovariance,
     /// The total, widened by disagreement between blocks and by considered errors, n × n.
-    pub honest: Vec<f64>,
+    pub widened_total: Vec<f64>,
     /// W of `considered_covariance.rs`, n × n, widened as the covariance that may be published.
     pub weights: Vec<f64>,
     /// Probability of the last block if the plant is unchanged.
@@ -104,7 +104,7 @@ impl GroupState {
             n,
             information: vec![0.0; n * n],
             errors: ErrorCovariance::new(n),
-            honest: vec![0.0; n * n],
+            widened_total: vec![0.0; n * n],
             weights: vec![0.0; n * n],
             probability: 1.0,
             clusters: Clusters::new(n),
@@ -212,7 +212,7 @@ impl GroupState {
     }
 
     /// Computes innovation and sums at θ̄. False if the rows are not finite there.
-    pub fn look(&mut self, rows: &dyn Summable, theta: &[f64]) -> bool {
+    pub fn innovate(&mut self, rows: &dyn Summable, theta: &[f64]) -> bool {
         self.equations.iter_mut().for_each(|e| e.loss = Loss::Square);
         let finite = self.evaluate_at(rows, 0..rows.len(), theta);
         for (e, sums) in self.equations.iter_mut().zip(&self.at) {
@@ -289,10 +289,10 @@ impl GroupState {
         );
         self.invert_free();
         let room = &mut self.room;
+        room.total.fill(0.0);
+        add_grams(n, &self.equations, &self.at, &mut room.total);
         // A = I − K S; if Γ⁻¹ is exactly Λ + S, this is K Λ, which avoids cancellation
         if options.forgetting.is_bounded() || self.condition > LARGEST_CONDITION {
-            room.total.fill(0.0);
-            add_grams(n, &self.equations, &self.at, &mut room.total);
             mul(n, &room.gain, &room.total, &mut room.transition);
             for (k, v) in room.transition.iter_mut().enumerate() {
                 *v = if k % (n + 1) == 0 { 1.0 - *v } else { -*v };
@@ -300,8 +300,6 @@ impl GroupState {
         } else {
             mul(n, &room.gain, &self.prior, &mut room.transition);
         }
-        room.total.fill(0.0);
-        add_grams(n, &self.equations, &self.at, &mut room.total);
         let own = &theta[self.parameters.clone()];
         self.curvature.moved(own, &self.centre, &mut room.offset);
         let update = Update {
@@ -316,7 +314,7 @@ impl GroupState {
         self.errors.carry(room);
         for ((e, sums), after) in self.equations.iter_mut().zip(&self.at).zip(&self.trial) {
             room.total.fill(0.0);
-            add_gram(n, e, sums, &mut room.total);
+            add_gram(n, e, sums, 1.0, &mut room.total);
             self.errors.carry_noise(room, &mut e.noise_covariance);
             // tr(K S_e): degrees of freedom that the parameters take
             let taken: f64 = room.gain.iter().zip(&room.total).map(|(k, s)| k * s).sum();
@@ -330,13 +328,15 @@ impl GroupState {
 
     /// Concludes a block with a fitted line: the covariance is the line's.
     pub fn conclude_line(&mut self, theta: &[f64], options: &EstimatorOptions) {
-        let n = self.n as f64;
         self.errors.guess.fill(0.0);
+        let rows: usize = self.at.iter().map(|sums| sums.rows).sum();
         for (e, sums) in self.equations.iter_mut().zip(&self.at) {
             e.noise_covariance.fill(0.0);
-            let freedom = (sums.rows - sums.outliers) as f64 - 2.0 * n;
+            // the line takes 2 n degrees of freedom of all rows of the group
+            let taken = 2.0 * self.n as f64 * sums.rows as f64 / rows.max(1) as f64;
+            let freedom = (sums.rows - sums.outliers) as f64 - taken;
             e.scale = (sums.cost / freedom.max(1.0)).sqrt();
-            e.learn(sums, sums.cost, 2.0 * n, options);
+            e.learn(sums, sums.cost, taken, options);
         }
         self.total_covariance();
         self.set_variances(options);
@@ -427,17 +427,17 @@ impl GroupState {
     /// Computes the covariance that may be published: P widened by considered errors, and by what
     /// the data since the last change have not confirmed.
     pub fn publish(&mut self, theta: &[f64]) {
-        self.honest.copy_from_slice(&self.errors.total);
-        self.clusters.widen(&mut self.honest);
-        self.weights.copy_from_slice(&self.honest);
+        self.widened_total.copy_from_slice(&self.errors.total);
+        self.clusters.widen(&mut self.widened_total);
+        self.weights.copy_from_slice(&self.widened_total);
         self.considered.widen_weights(&mut self.weights);
-        self.considered.widen(&mut self.honest);
+        self.considered.widen(&mut self.widened_total);
         for i in 0..self.n {
             self.room.scale[i] = if self.fixed[i] { 0.0 } else { self.size(theta, i) };
         }
         let own = &theta[self.parameters.clone()];
-        self.confirmation.publish(own, &self.room.scale, &self.honest);
-        let widened = self.confirmation.covariance.iter().zip(&self.honest);
+        self.confirmation.publish(own, &self.room.scale, &self.widened_total);
+        let widened = self.confirmation.covariance.iter().zip(&self.widened_total);
         for (v, (after, before)) in self.weights.iter_mut().zip(widened) {
             *v += after - before;
         }
@@ -450,13 +450,7 @@ impl GroupState {
             .learn(&self.equations, &self.at, &theta[self.parameters.clone()]);
         self.room.total.fill(0.0);
         for (e, sums) in self.equations.iter().zip(&self.at) {
-            let weight = 1.0 / e.variance.max(TINY);
-            let p = sums.params;
-            for i in 0..p {
-                for j in 0..p {
-                    self.room.total[(e.offset + i) * n + e.offset + j] += weight * sums.gram[i * p + j];
-                }
-            }
+            add_gram(n, e, sums, 1.0 / e.variance.max(TINY), &mut self.room.total);
         }
         for i in 0..n {
             self.room.scale[i] = self.size(theta, i);
@@ -494,20 +488,20 @@ impl GroupState {
     }
 
     /// True if the noise level is not learnt from residuals but equals the floor of the options.
-    pub fn noise_is_told(&self) -> bool {
+    pub fn noise_is_configured(&self) -> bool {
         self.equations.iter().all(|e| e.floor > 0.0)
     }
 
     /// The evidence of the block for terms that the model may lack.
     pub fn evidence(&self) -> GroupEvidence<'_> {
-        let told = self.noise_is_told();
-        let (misfit, freedom, variance) = chi_square(&self.equations, &self.at, told);
+        let configured = self.noise_is_configured();
+        let (misfit, freedom, variance) = chi_square(&self.equations, &self.at, configured);
         GroupEvidence {
             scores: self.considered.evidence(),
             variance,
             misfit,
             freedom,
-            told,
+            configured,
         }
     }
 

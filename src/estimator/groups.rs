@@ -1,8 +1,8 @@
 //! All independent groups of parameters, and the operations on all of them.
 
 use super::Structure;
+use super::cause_search::CauseSearch;
 use super::group::GroupState;
-use super::inquest::Inquest;
 use super::options::EstimatorOptions;
 use super::pass::Summable;
 use super::persist::Visit;
@@ -12,8 +12,8 @@ use std::ops::{Deref, DerefMut};
 #[derive(Debug, Clone)]
 pub struct Groups {
     pub states: Vec<GroupState>,
-    /// The inquest into the last change.
-    pub inquest: Inquest,
+    /// The search for the cause of the last change.
+    pub cause_search: CauseSearch,
 }
 
 impl Deref for Groups {
@@ -36,7 +36,7 @@ impl Groups {
         let groups = structure.groups();
         let states = groups.iter().map(|group| GroupState::new(group, structure, options));
         Self {
-            inquest: Inquest::new(groups.len()),
+            cause_search: CauseSearch::new(groups.len()),
             states: states.collect(),
         }
     }
@@ -44,20 +44,20 @@ impl Groups {
     /// What goes from block to block; see `persist.rs`.
     pub fn visit(&mut self, v: &mut impl Visit) {
         self.states.iter_mut().for_each(|group| group.visit(v));
-        self.inquest.visit(v);
+        self.cause_search.visit(v);
     }
 
     /// Back to knowing nothing, in place.
     pub fn forget(&mut self, theta: &[f64], options: &EstimatorOptions) {
         self.states.iter_mut().for_each(|group| group.forget(theta, options));
-        self.inquest.close(&mut self.states);
+        self.cause_search.close(&mut self.states);
     }
 
-    /// Begins an inquest: the plant may have changed in this block. Does nothing if the rows have
-    /// no columns of errors to test.
-    pub fn begin_inquest(&mut self, rows: &dyn Summable) {
+    /// Begins a search for the cause: the plant may have changed in this block. Does nothing if the
+    /// rows have no columns of errors to test.
+    pub fn begin_cause_search(&mut self, rows: &dyn Summable) {
         if rows.suspects() > 0 {
-            self.inquest.begin(&mut self.states);
+            self.cause_search.begin(&mut self.states);
         }
     }
 
@@ -65,7 +65,9 @@ impl Groups {
     /// clear.
     pub fn withholds(&self, parameter: usize) -> bool {
         let holds = |group: &GroupState| group.parameters.contains(&parameter);
-        self.iter().position(holds).is_some_and(|k| self.inquest.withholds(k))
+        self.iter()
+            .position(holds)
+            .is_some_and(|k| self.cause_search.withholds(k))
     }
 
     /// The group of a parameter; `None` if no equation has it.
@@ -73,11 +75,11 @@ impl Groups {
         self.iter().find(|g| g.parameters.contains(&parameter))
     }
 
-    /// Evaluates the block at θ, see [`GroupState::look`], for all groups or none, because their
-    /// estimates must be of the same block. False if any row is not finite there.
-    pub fn look(&mut self, rows: &dyn Summable, theta: &[f64]) -> bool {
+    /// Evaluates the block at θ, see [`GroupState::innovate`], for all groups or none, because
+    /// their estimates must be of the same block. False if any row is not finite there.
+    pub fn innovate(&mut self, rows: &dyn Summable, theta: &[f64]) -> bool {
         self.iter_mut()
-            .map(|g| g.look(rows, theta))
+            .map(|g| g.innovate(rows, theta))
             .fold(true, |all, finite| all & finite)
     }
 
@@ -111,7 +113,7 @@ impl Groups {
             group.fixed[i] = fixed;
             group.forget_parameter(i, floor);
             group.confirmation.begin(&theta[group.parameters.clone()]);
-            self.inquest.leave_out(k, &mut self.states);
+            self.cause_search.leave_out(k, &mut self.states);
         }
     }
 
@@ -134,7 +136,7 @@ impl Groups {
         let mut variance = 0.0;
         for (i, s) in terms {
             for (j, t) in terms {
-                let covariance = self.entry(i, j, |k| &self[k].honest);
+                let covariance = self.entry(i, j, |k| &self[k].widened_total);
                 variance += s * t * covariance / (theta[i] * theta[j]);
             }
         }

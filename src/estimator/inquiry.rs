@@ -1,5 +1,5 @@
 //! A change of one group with all its rows since: how well changed parameters explain them, and how
-//! well errors of a drive or a sensor do. `inquest.rs` judges over all groups.
+//! well errors of a drive or a sensor do. `cause_search.rs` judges over all groups.
 //!
 //! ```text
 //! J(δ, a) = Σ (f − φᵀδ − a d)²/σ²     rows since the change, at θ₀ of before it                  (a)
@@ -22,7 +22,7 @@
 //! rows can show a change of it if r θ₀_i is at least twice that. A cause that moves all parameters
 //! whose change the rows can show, two or more, is more likely an error of the measurement.
 
-use super::equation::{EquationState, TINY};
+use super::equation::{EquationState, TINY, add_gram, add_score};
 use super::linalg::{Cholesky, Eigen, dot, gather, mul_vec};
 use super::pass::{Summable, Sums};
 use super::persist::Visit;
@@ -234,16 +234,10 @@ impl Inquiry {
         self.forget(forgetting_factor);
         let weight = 1.0 / block.variance.max(TINY);
         for (e, sums) in block.equations.iter().zip(block.sums) {
-            let p = sums.params;
-            let own = e.offset..e.offset + p;
             self.cost += weight * sums.cost;
             self.rows += sums.rows as f64;
-            for i in 0..p {
-                let gram = &sums.gram[i * p..(i + 1) * p];
-                let information = &mut self.information[(e.offset + i) * n..][own.clone()];
-                information.iter_mut().zip(gram).for_each(|(sum, v)| *sum += weight * v);
-                self.vector[own.start + i] += weight * sums.score[i];
-            }
+            add_gram(n, e, sums, weight, &mut self.information);
+            add_score(e, sums, weight, &mut self.vector);
         }
         let (cross, gram, score) = block.columns;
         let room = score.len();
@@ -369,17 +363,17 @@ impl Inquiry {
     fn some_stay(&self, excess: f64, share: f64, fixed: &[bool]) -> bool {
         let free = (0..self.n).filter(|&i| !fixed[i]);
         let count = free.clone().count();
-        let (mut told, mut stay) = (0, 0);
+        let (mut distinguishable, mut stay) = (0, 0);
         for (k, i) in free.enumerate() {
             let variance = excess * self.inverse[k * count + k];
             let known = self.known[i * self.n + i] + self.slack(share, i).powi(2);
             let open = STAYS * (variance + known).sqrt();
             if 2.0 * open < share * self.reference[i].abs() {
-                told += 1;
+                distinguishable += 1;
                 stay += usize::from(self.shift[i].abs() < open);
             }
         }
-        stay > 0 || told < 2
+        stay > 0 || distinguishable < 2
     }
 
     /// r: the relative change of what the equations balance.
@@ -403,8 +397,8 @@ impl Inquiry {
         let count = gather(n, &self.matrix, fixed, &mut self.packed);
         self.eigen.decompose(count, &self.packed[..count * count]);
         let least = (TOLD / share).powi(2);
-        let told = self.eigen.values[..count].iter().filter(|&&value| value > least);
-        2 * told.count() > count
+        let distinguishable = self.eigen.values[..count].iter().filter(|&&value| value > least);
+        2 * distinguishable.count() > count
     }
 
     /// `shift` ← A⁻¹ of one side over the free parameters, 0 for the others; returns the product of

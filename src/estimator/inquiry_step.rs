@@ -1,4 +1,4 @@
-//! Adds a block to the inquiry into the last change, see `inquest.rs`.
+//! Adds a block to the inquiry into the last change, see `cause_search.rs`.
 
 use super::group::GroupState;
 use super::groups::Groups;
@@ -16,8 +16,8 @@ const ROUGH: f64 = 1.4;
 const MOVED: f64 = 1.0;
 
 impl Groups {
-    /// Adds the rows of `range` to the inquiry into the last change, see `inquest.rs`, unless the
-    /// block does not `fit`. `theta` holds all parameters; it is used as workspace.
+    /// Adds the rows of `range` to the inquiry into the last change, see `cause_search.rs`, unless
+    /// the block does not `fit`. `theta` holds all parameters; it is used as workspace.
     pub fn inquire(
         &mut self,
         rows: &dyn Summable,
@@ -25,8 +25,8 @@ impl Groups {
         theta: &mut [f64],
         options: &EstimatorOptions,
     ) {
-        let Self { states, inquest } = self;
-        if !inquest.counts(states) {
+        let Self { states, cause_search } = self;
+        if !cause_search.counts(states) {
             return;
         }
         let (mut added, mut on_its_way) = (false, 0);
@@ -37,7 +37,7 @@ impl Groups {
                 added |= group.add_to_inquiry(rows, range.clone(), theta, options);
             }
         }
-        inquest.judge(states, added, on_its_way);
+        cause_search.judge(states, added, on_its_way);
     }
 }
 
@@ -52,11 +52,11 @@ impl GroupState {
         let level = levels.map(|e| e.variance / (e.floor * e.floor)).fold(1.0, f64::max);
         let surprise = self.equations.iter().map(|e| e.surprise).fold(0.0, f64::max);
         // without the widening by considered errors, because these have not changed
-        let published = self.confirmation.covariance.iter().zip(&self.honest);
+        let published = self.confirmation.covariance.iter().zip(&self.widened_total);
         let known = self.room.a.iter_mut().zip(&self.errors.total);
         known
             .zip(published)
-            .for_each(|((a, own), (open, honest))| *a = own + open - honest);
+            .for_each(|((a, own), (open, widened_total))| *a = own + open - widened_total);
         self.inquiry
             .begin(&self.centre, &self.room.a, &self.room.scale, [level, surprise]);
     }

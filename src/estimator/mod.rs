@@ -16,6 +16,7 @@
 
 mod block;
 mod bound;
+mod cause_search;
 pub mod cedro;
 mod change;
 mod change_search;
@@ -39,7 +40,6 @@ mod fit_statistic;
 mod forgetting;
 mod group;
 mod groups;
-mod inquest;
 mod inquiry;
 mod inquiry_step;
 pub(crate) mod linalg;
@@ -66,10 +66,10 @@ mod wrls;
 
 pub use block::BlockEstimator;
 pub use bound::{CovarianceBound, Factor, Polynomial, Rational};
+pub use cause_search::Cause;
 pub use considered::PER_EQUATION as ERRORS_PER_EQUATION;
 pub use explained::LEAST_EXPLAINED;
 pub use fit_statistic::MISFIT;
-pub use inquest::Cause;
 pub use offline::{BatchReport, batch_least_squares};
 pub use options::{Bound, ChangeDetection, EstimatorError, EstimatorOptions, Forgetting, Outliers, forgetting_factor};
 pub use persist::{EstimatorState, StateError};
@@ -196,8 +196,8 @@ pub trait Residuals {
     fn products(&self) -> &[(usize, usize)] {
         &[]
     }
-    /// Number of errors of the model for which the rows have a column, at most 1 and
-    /// [`ERRORS_PER_EQUATION`] per equation; any beyond that are ignored.
+    /// Number of errors of the model for which the rows have a column: at most 1 of the whole
+    /// machine and [`ERRORS_PER_EQUATION`] of each equation; any beyond that are ignored.
     fn suspects(&self) -> usize {
         0
     }
@@ -207,7 +207,7 @@ pub trait Residuals {
         0.0
     }
     /// True for an error that can arise while the machine runs, and may be the cause of a change
-    /// (`inquest.rs`).
+    /// (`cause_search.rs`).
     fn is_sudden(&self, _suspect: usize) -> bool {
         false
     }

@@ -4,6 +4,7 @@
 
 use super::Structure;
 use super::prior::{EquationNoise, ParameterPrior};
+use std::mem::swap;
 use std::str::FromStr;
 
 /// How the information of earlier blocks is forgotten.
@@ -172,6 +173,18 @@ pub struct EstimatorOptions {
 }
 
 impl EstimatorOptions {
+    /// Exchanges with `other` what may change at run time: λ, ε, iterations, step limit, relative
+    /// noise floor, outlier limits, false-alarm rate and margin.
+    pub fn exchange_tunables(&mut self, other: &mut Self) {
+        swap(&mut self.forgetting_factor, &mut other.forgetting_factor);
+        swap(&mut self.information_floor, &mut other.information_floor);
+        swap(&mut self.max_iterations, &mut other.max_iterations);
+        swap(&mut self.step_factor, &mut other.step_factor);
+        swap(&mut self.noise_floor_relative, &mut other.noise_floor_relative);
+        swap(&mut self.outliers, &mut other.outliers);
+        swap(&mut self.change_detection, &mut other.change_detection);
+    }
+
     /// The paper's recursion (8), (9) from the given start: exponential forgetting, one iteration,
     /// no bounds except those of `parameters` (plain numbers have none), no extensions.
     pub fn paper(parameters: impl IntoIterator<Item: Into<ParameterPrior>>, equations: usize) -> Self {

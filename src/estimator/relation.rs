@@ -55,7 +55,7 @@ impl Published {
         let largest = groups.iter().map(|g| g.n).max().unwrap_or(0);
         Self {
             theta: theta.to_vec(),
-            covariance: groups.iter().map(|g| g.honest.clone()).collect(),
+            covariance: groups.iter().map(|g| g.widened_total.clone()).collect(),
             weights: groups.iter().map(|g| g.weights.clone()).collect(),
             gradient: vec![0.0; largest],
             image: vec![0.0; largest],
@@ -73,7 +73,7 @@ impl Published {
         for (k, ((own, weights), group)) in published.zip(groups.iter()).enumerate() {
             own.copy_from_slice(&group.confirmation.covariance);
             weights.copy_from_slice(&group.weights);
-            if groups.inquest.is_ambiguous(k) {
+            if groups.cause_search.is_ambiguous(k) {
                 group.inquiry.widen(&theta[group.parameters.clone()], own);
             }
         }

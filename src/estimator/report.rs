@@ -1,10 +1,10 @@
 //! The result of a block: the estimate with its evidence.
 
 use super::Structure;
+use super::cause_search::Cause;
 use super::fit::Fit;
 use super::group::GroupState;
 use super::groups::Groups;
-use super::inquest::Cause;
 use super::options::EstimatorOptions;
 use super::pass::Summable;
 use super::relation::Published;
@@ -83,7 +83,8 @@ pub struct Report {
     /// Per parameter: the share of the variance that this block alone would remove from a parameter
     /// known to within 100 %, 0 to 1.
     pub excitation: Vec<f64>,
-    /// Bit i: the block informed on parameter i, to within at least a third of its size.
+    /// Bit i: this block alone finds parameter i to within 10 % of its size (`excitation` above
+    /// 0.99).
     pub excited: u128,
     /// Bit i: parameter i is known from data. Three standard deviations of it are below 5 %,
     /// according to the data since the last change; its group of equations showed no change in this
@@ -142,7 +143,7 @@ pub struct Report {
     /// an index of [`Residuals::suspects`](super::Residuals::suspects).
     pub limited: Option<(usize, usize)>,
     /// True if the last change may be one of a drive or a sensor and not of the plant, see
-    /// `inquest.rs`: no parameter of the groups that showed it is usable.
+    /// `cause_search.rs`: no parameter of the groups that showed it is usable.
     pub unclear: bool,
     /// The error of a drive or a sensor that explains the last change.
     pub fault: Option<Cause>,
@@ -264,8 +265,8 @@ impl Report {
                 (most, self.limited) = (widening / variance, Some((i, error)));
             }
         }
-        self.unclear = groups.inquest.is_unclear();
-        self.fault = groups.inquest.cause();
+        self.unclear = groups.cause_search.is_unclear();
+        self.fault = groups.cause_search.cause();
         self.theta.copy_from_slice(&published.theta);
         self.usable = usable;
     }

@@ -20,7 +20,7 @@
 //! hundred blocks in memory, a right model has one named by chance once in 1e6 runs; the rest of
 //! the margin is for errors of quadrature and filters. If several pass, the one that explains most
 //! is the likeliest. A resonance delays slow motion by τ = 2ζ/ω, so it is named in place of the
-//! delay if its column says so beside it ([`BESIDE`]).
+//! delay if, with the part of the delay removed, it is beyond [`BESIDE`] standard deviations.
 //!
 //! **Posterior.** Even before a term is named, σ allows for the possible terms. With the prior N(0,
 //! Σ), Σ = diag(σ_s²), U_g and I_g over all terms at once, and X_g the larger of x_g and the ratio
@@ -35,8 +35,8 @@
 //! show an amplitude â that counts, of information I, M_ss is at least â² + 1/I, and the term may
 //! be named by them.
 //!
-//! A term without a prior counts with its amplitude â once z exceeds [`BELIEVED`]. Neither corrects
-//! the estimate; for that, the term must be added to the model.
+//! A term without a prior counts with its amplitude â once z exceeds [`BELIEVED`]. The estimate
+//! itself is not corrected; for that, the term must be added to the model.
 
 use super::considered::room_for;
 use super::linalg::Cholesky;
@@ -56,6 +56,9 @@ const REPEATED_BELIEVED: f64 = 2.0;
 /// Standard deviations of a resonance beside a delay above which the resonance is named. That one
 /// of the two is there has been shown already, so this only chooses the name.
 const BESIDE: f64 = 3.5;
+/// A term with a prior is named only if its amplitude is known to within this many standard
+/// deviations of the prior. A column that could show no smaller error is mostly noise.
+const KNOWN: f64 = 3.5;
 /// χ² per row below which nothing is named: R is then too large, as while slow motion holds the
 /// rounding error of a position for many samples. Smoothed signals keep a part of their noise
 /// (`projected/errors_in_variables.rs`), which the columns share with the residuals, so scores have
@@ -217,7 +220,13 @@ impl ScoreTest {
     /// The likeliest term, if any is significant; `lags_as(s)` is the delay that term s looks like
     /// in slow motion.
     pub fn likeliest(&self, lags_as: impl Fn(usize) -> Option<usize>) -> Option<Suspicion> {
-        let significant = |j: &Judged| j.blocks >= ENOUGH && j.is_beyond(NAMED, REPEATED) && j.level > QUIET;
+        let is_known = |s: &Suspicion| {
+            let prior = self.std[s.suspect];
+            prior == 0.0 || s.amplitude.abs() <= KNOWN * prior * s.deviations
+        };
+        let significant = |j: &Judged| {
+            j.blocks >= ENOUGH && j.is_beyond(NAMED, REPEATED) && j.level > QUIET && is_known(&j.suspicion)
+        };
         let largest = |judged: &mut dyn Iterator<Item = Judged>| {
             let likeliest = judged.max_by(|a, b| a.explained.total_cmp(&b.explained));
             likeliest.map(|judged| judged.suspicion)
@@ -249,7 +258,7 @@ impl ScoreTest {
         let judged = self.judge(suspect);
         judged.map_or(0.0, |j| {
             // if the noise was specified, the first block alone may count
-            let one = j.repeated > REPEATED_BELIEVED || j.told && j.blocks < ENOUGH;
+            let one = j.repeated > REPEATED_BELIEVED || j.configured && j.blocks < ENOUGH;
             match j.suspicion.deviations > BELIEVED && one && j.counts() {
                 true => j.suspicion.amplitude.abs(),
                 false => 0.0,
@@ -267,22 +276,22 @@ impl ScoreTest {
         }
         let amplitude = score / information;
         let (mut scatter, mut explained, mut misfit, mut level) = (0.0, 0.0, 0.0, 0.0);
-        let (mut blocks, mut told) = (0.0_f64, true);
+        let (mut blocks, mut configured) = (0.0_f64, true);
         for group in informed() {
             let (term, x) = (&group.terms[suspect], group.excess_with(suspect));
             scatter += term.scatter(amplitude).max(1e-12 * term.score_square) / (x * x);
             explained += amplitude * (2.0 * term.score - amplitude * term.information);
-            misfit += group.misfit - if group.told { group.freedom } else { 0.0 };
+            misfit += group.misfit - if group.configured { group.freedom } else { 0.0 };
             level += term.information / x / information * group.misfit / group.freedom.max(1.0);
             blocks = blocks.max(term.blocks);
-            told &= group.told;
+            configured &= group.configured;
         }
         let judged = Judged {
             explained,
             level,
             blocks,
             repeated: score.abs() / scatter.sqrt(),
-            told,
+            configured,
             suspicion: Suspicion {
                 suspect,
                 drifting: suspect.checked_sub(self.drifts),
@@ -330,7 +339,7 @@ impl ScoreTest {
             level: 1.0,
             blocks: term.blocks,
             repeated: term.score.abs() / scatter.sqrt(),
-            told: false,
+            configured: false,
             suspicion: Suspicion {
                 suspect,
                 drifting: None,
@@ -347,13 +356,17 @@ impl ScoreTest {
 mod tests {
     use super::*;
 
-    fn evidence<'a>(scores: (&'a [f64], &'a [f64], &'a [SummedScore]), misfit: f64, told: bool) -> GroupEvidence<'a> {
+    fn evidence<'a>(
+        scores: (&'a [f64], &'a [f64], &'a [SummedScore]),
+        misfit: f64,
+        configured: bool,
+    ) -> GroupEvidence<'a> {
         GroupEvidence {
             scores,
             variance: 1.0,
             misfit,
             freedom: 100.0,
-            told,
+            configured,
         }
     }
 
@@ -418,7 +431,7 @@ mod tests {
     fn regress_a_group_that_does_not_fit_hides_nothing_in_another() {
         let room = room_for(2);
         let mut test = ScoreTest::new(2, 2, 0);
-        test.prepare(room, |_| 0.1, |_| 0.0);
+        test.prepare(room, |_| 0.125, |_| 0.0);
         let (mut scores, mut information) = (vec![0.0; room], vec![0.0; room * room]);
         (scores[2], information[2 * room + 2]) = (20.0, 10.0);
         let (other, nothing) = (vec![0.0; room], vec![0.0; room * room]);
@@ -431,9 +444,9 @@ mod tests {
         // 40 of the group's χ² of 50 beyond its rows
         let suspicion = test.likeliest(|_| None).expect("one amplitude in every block");
         assert!(suspicion.suspect == 2 && (suspicion.share - 0.8).abs() < 1e-9);
-        // the posterior: 39 units of information against a prior of 100, excess 1.1
+        // the posterior: 39 units of information against a prior of 64, excess 1.1
         let information = 10.0 * (1.0 + MEMORY + MEMORY.powi(2) + MEMORY.powi(3));
-        let mean = 2.0 * information / (information + 100.0);
+        let mean = 2.0 * information / (information + 64.0);
         assert!(test.moments()[2 * room + 2] > (0.9 * mean).powi(2));
     }
 
@@ -464,6 +477,14 @@ mod tests {
         // damping ratio 0.53, and an amplitude of the wrong sign
         assert_eq!(named(0.8, 0.57).suspect, 0);
         assert_eq!(named(0.8, -0.6).suspect, 0);
+    }
+
+    #[test]
+    fn prop_a_column_that_could_show_no_usual_error_names_nothing() {
+        // amplitude 2, known to 0.16: as well as the prior, and ten times worse
+        let blocks = [(20.0, 10.0), (21.0, 10.0), (19.0, 10.0), (20.0, 10.0)];
+        assert!(after(&blocks, 50.0, 0.16).likeliest(|_| None).is_some());
+        assert_eq!(after(&blocks, 50.0, 0.016).likeliest(|_| None), None);
     }
 
     #[test]

@@ -23,7 +23,7 @@
 //!
 //! Controllers may use θ̂ (`use_ok`) in `Converged`, and in `PoorlyExcited` if it had converged
 //! before and no change was seen since; in both only with the evidence of `evidence.rs`: the data
-//! have informed on more than half of the directions of every group, the block fits, the model
+//! have informed on more than half of the directions of some group, the block fits, the model
 //! explains the signals of every equation, the data push no parameter against a bound, and at least
 //! one parameter is usable. In a block in which the machine rests and no row counts, they may not.
 
@@ -70,7 +70,7 @@ pub struct StateMachine {
     predicted: u32,
     poor: u32,
     clean: u32,
-    /// Blocks that must fit, less one, before θ̂ may be used again.
+    /// One more than the number of blocks that must fit before θ̂ may be used again.
     distrust: u32,
     changing: bool,
     degraded: bool,
@@ -183,9 +183,11 @@ impl StateMachine {
         };
         // a block without an estimate is no evidence, nor one whose rows all have weight 0, because
         // the machine rested: at rest it may have changed
-        let is_silent = report.held.is_some() || report.signal_rms.iter().all(|rms| *rms == 0.0);
-        let use_ok =
-            self.converged && self.informed && !is_silent && matches!(phase, Phase::Converged | Phase::PoorlyExcited);
+        let lacks_evidence = report.held.is_some() || report.signal_rms.iter().all(|rms| *rms == 0.0);
+        let use_ok = self.converged
+            && self.informed
+            && !lacks_evidence
+            && matches!(phase, Phase::Converged | Phase::PoorlyExcited);
         Verdict { phase, use_ok }
     }
 

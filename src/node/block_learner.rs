@@ -1,6 +1,5 @@
 //! The learner of a plant: rows of any form, and the block estimator.
 
-use super::bound::exchange_tunables;
 use super::command::Change;
 use super::estimate_message::{fill_derived, message};
 use super::learner::{BlockEnd, Learner, Learnt};
@@ -67,7 +66,7 @@ impl<B: SampleBlock + Send + 'static> BlockLearner<B> {
                 // there was room for them before
                 let _ = self.rows.push(t_ns, &sample);
             }
-            self.rows.look_closely(self.estimator.inquires());
+            self.rows.enable_scale_columns(self.estimator.inquires());
             self.rows.prepare(&self.first_theta);
             self.estimator.update(&self.rows);
         }
@@ -101,7 +100,7 @@ impl<B: SampleBlock + Send + 'static> Learner for BlockLearner<B> {
     }
 
     fn learn(&mut self, end: &BlockEnd) -> Learnt {
-        self.rows.look_closely(self.estimator.inquires());
+        self.rows.enable_scale_columns(self.estimator.inquires());
         self.rows.prepare(self.estimator.theta());
         self.estimator.update(&self.rows);
         if self.first.close_block(self.knows_something()) {
@@ -206,7 +205,7 @@ impl<B: SampleBlock + Send + 'static> Learner for BlockLearner<B> {
     }
 
     fn tune(&mut self, options: &mut EstimatorOptions, rows: Option<&mut Box<dyn Any + Send>>) -> bool {
-        exchange_tunables(&mut self.estimator, options);
+        self.estimator.exchange_tunables(options);
         self.first.end();
         match rows.and_then(|rows| rows.downcast_mut::<B>()) {
             Some(rows) => {

@@ -9,7 +9,6 @@
 
 use super::command::{Change, Fate, Order};
 use super::learner::Learner;
-use crate::estimator::{BlockEstimator, EstimatorOptions};
 use crate::messages::status_flags;
 use crate::model::MAX_PARAMS;
 
@@ -154,28 +153,6 @@ fn resizes_rows(order: &Order) -> bool {
     matches!(order.change, Change::Tune { rows: Some(_), .. })
 }
 
-/// Exchanges the estimator's tunables; the caller gets the previous ones.
-pub(super) fn exchange_tunables(estimator: &mut BlockEstimator, options: &mut EstimatorOptions) {
-    let own = estimator.options();
-    let before = (
-        own.forgetting_factor,
-        own.information_floor,
-        own.max_iterations,
-        own.step_factor,
-        own.outliers,
-        own.change_detection,
-    );
-    estimator.retune(options);
-    (
-        options.forgetting_factor,
-        options.information_floor,
-        options.max_iterations,
-        options.step_factor,
-        options.outliers,
-        options.change_detection,
-    ) = before;
-}
-
 impl Order {
     /// The same with its fate.
     pub(super) fn with_fate(mut self, fate: Fate) -> Self {
@@ -187,6 +164,7 @@ impl Order {
 #[cfg(all(test, feature = "sim"))]
 mod tests {
     use super::*;
+    use crate::estimator::EstimatorOptions;
     use crate::messages::{Estimate, Status, estimate_flags, sample_flags, stream_tag};
     use crate::node::block_learner::BlockLearner;
     use crate::node::identifier::IdentifierNode;

@@ -8,6 +8,7 @@
 //! | A | position | after M samples of standstill the input, smoothed over M/4, moved by a fifth of its largest magnitude and by more than its noise does, or the measured velocity has passed a thousandth of the range of motion, and M samples later it still stands |
 //! | B | input | it was constant for M samples, changed with every sample before, is not at its largest magnitude (a drive at its limit), and the position has moved by 5 % of its range |
 //! | C | both | both were constant for 5 M samples, and the input changed with every sample before |
+//! | E | input | it has been constant since the start of the stream, and the position has swung to and fro four times, each time by more than half its range so far |
 //! | D | position | four in five of its last steps of three counts or more follow a sample in which it stood still |
 //!
 //! No machine moves as in rule D: the position is read less often than it is reported. Its errors
@@ -55,6 +56,8 @@ struct Joint {
     path: f64,
     /// Samples since the position should have moved.
     driven: u64,
+    /// The position while the input has been constant since the start.
+    swings: Swings,
     /// Over the whole stream.
     peak: f64,
     range: (f64, f64),
@@ -82,10 +85,77 @@ impl Joint {
         leaps: 0.0,
         path: 0.0,
         driven: 0,
+        swings: Swings::NEW,
         peak: 0.0,
         range: (0.0, 0.0),
         lively: 0.0,
     };
+}
+
+/// Counts how often a joint swings to and fro, for rule E. A constant input tells nothing of such a
+/// motion: with all other parameters 0, an offset explains it exactly.
+#[derive(Debug, Clone, Copy)]
+struct Swings {
+    /// False once the input has changed.
+    open: bool,
+    samples: f64,
+    /// The position without its noise, its range, and the mean of its steps.
+    smooth: f64,
+    range: (f64, f64),
+    jitter: f64,
+    /// Last extreme, the direction since, and the number of turns.
+    extreme: f64,
+    upwards: bool,
+    turns: u32,
+}
+
+impl Swings {
+    const NEW: Self = Self {
+        open: true,
+        samples: 0.0,
+        smooth: 0.0,
+        range: (0.0, 0.0),
+        jitter: 0.0,
+        extreme: 0.0,
+        upwards: false,
+        turns: 0,
+    };
+    /// Turns from which on an input is frozen.
+    const ENOUGH: u32 = 4;
+    /// Share of the range so far that a swing covers at least.
+    const SWING: f64 = 0.5;
+    /// Range of the smoothed position in means of its steps, which noise alone does not reach.
+    const NOISE: f64 = 20.0;
+
+    fn end(&mut self) {
+        self.open = false;
+    }
+
+    /// Takes a position that is `step` away from the one before; true if the joint has swung often
+    /// enough.
+    #[inline]
+    fn take(&mut self, q: f64, step: f64, patience: u64) -> bool {
+        if !self.open {
+            return false;
+        }
+        if self.samples == 0.0 {
+            (self.smooth, self.range, self.extreme) = (q, (q, q), q);
+        }
+        let share = (8.0 / patience as f64).min(1.0);
+        self.samples += 1.0;
+        self.jitter += (step - self.jitter) / self.samples;
+        self.smooth += (q - self.smooth) * share;
+        self.range = (self.range.0.min(self.smooth), self.range.1.max(self.smooth));
+        let range = self.range.1 - self.range.0;
+        let away = self.smooth - self.extreme;
+        if (away > 0.0) == self.upwards {
+            self.extreme = self.smooth;
+        } else if away.abs() > Self::SWING * range && range > Self::NOISE * self.jitter * share.sqrt() {
+            (self.upwards, self.extreme) = (!self.upwards, self.smooth);
+            self.turns += 1;
+        }
+        self.turns >= Self::ENOUGH
+    }
 }
 
 impl FreezeWatch {
@@ -126,7 +196,7 @@ impl FreezeWatch {
 
     /// Checks a sample of finite numbers; true if a signal of one of the first `joints` is frozen.
     /// `dq` and the input are used only if they are measured.
-    pub(super) fn look(&mut self, sample: &JointSample, joints: usize, measured: bool, driven: bool) -> bool {
+    pub(super) fn check(&mut self, sample: &JointSample, joints: usize, measured: bool, driven: bool) -> bool {
         if self.patience == 0 {
             return false;
         }
@@ -134,7 +204,7 @@ impl FreezeWatch {
         for (index, joint) in self.joints[..joints].iter_mut().enumerate() {
             let u = if driven { sample.input[index] } else { 0.0 };
             let speed = if measured { sample.dq[index].abs() } else { 0.0 };
-            frozen |= joint.look(sample.q[index], u, speed * self.period_s, self.patience);
+            frozen |= joint.check(sample.q[index], u, speed * self.period_s, self.patience);
         }
         frozen
     }
@@ -142,7 +212,7 @@ impl FreezeWatch {
 
 impl Joint {
     #[inline]
-    fn look(&mut self, q: f64, u: f64, step: f64, patience: u64) -> bool {
+    fn check(&mut self, q: f64, u: f64, step: f64, patience: u64) -> bool {
         if !self.seen {
             *self = Self {
                 seen: true,
@@ -163,12 +233,15 @@ impl Joint {
         let q_same = q.to_bits() == self.q.to_bits();
         let u_same = u.to_bits() == self.u.to_bits();
         let was_lively = self.lively > FreezeWatch::LIVELY;
+        let mut swings = false;
         if u_same {
             self.u_run += 1;
+            swings = self.swings.take(q, (q - self.q).abs(), patience);
             (self.q_least, self.q_most) = (self.q_least.min(q), self.q_most.max(q));
         } else {
             self.lively += 1e-3 * (1.0 - self.lively);
             self.u_run = 0;
+            self.swings.end();
             (self.q_least, self.q_most) = (q, q);
         }
         // an input that stops changing still counts as lively until it has been constant for long
@@ -199,7 +272,7 @@ impl Joint {
         let rule_b = self.u_run >= patience && was_lively && !at_limit && moved;
         let rule_c = was_lively && self.u_run.min(self.q_run) >= FreezeWatch::STILL * patience;
         let rule_d = self.steps >= FreezeWatch::FEWEST && self.leaps > FreezeWatch::LEAPS;
-        rule_a || rule_b || rule_c || rule_d
+        rule_a || rule_b || rule_c || rule_d || swings
     }
 
     /// Counts a step of the position for rule D.
@@ -247,7 +320,7 @@ mod tests {
             spoil(k, &mut q, &mut u);
             let mut sample = JointSample::default();
             (sample.q[0], sample.input[0]) = (q, u);
-            if watch.look(&sample, 1, false, true) {
+            if watch.check(&sample, 1, false, true) {
                 frozen.push(k);
             }
         }
@@ -341,6 +414,32 @@ mod tests {
             }
         });
         assert_eq!(resting.first(), None);
+    }
+
+    #[test]
+    fn fault_an_input_that_hangs_from_the_beginning_is_frozen_until_it_changes() {
+        let hung = frozen_samples(|k, _, u| {
+            if k < 12_000 {
+                *u = 5.0;
+            }
+        });
+        // the joint swings to and fro in two seconds of every four
+        assert!((2_000..9_000).contains(&hung[0]), "{:?}", hung.first());
+        assert_eq!(hung.last(), Some(&11_999));
+    }
+
+    #[test]
+    fn prop_a_constant_input_of_a_joint_that_rests_or_goes_one_way_is_not_frozen() {
+        // with an encoder that flickers, with an analog one, and in a turn table
+        let flickers =
+            frozen_samples(|k, q, u| (*q, *u) = (f64::from(k.wrapping_mul(0x9E37_79B9) as u32 >> 31) * 1e-4, 0.0));
+        let noisy = frozen_samples(|k, q, u| {
+            let mixed = k.wrapping_mul(0x9E37_79B9_7F4A_7C15);
+            let mixed = (mixed ^ mixed >> 29).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+            (*q, *u) = (1e-3 * mixed as f64 / u64::MAX as f64, 0.0);
+        });
+        let turns = frozen_samples(|k, q, u| (*q, *u) = (k as f64 * 1e-3 + 0.01 * (k as f64 * 1e-2).sin(), 3.0));
+        assert_eq!((flickers.first(), noisy.first(), turns.first()), (None, None, None));
     }
 
     #[test]

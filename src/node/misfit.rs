@@ -24,12 +24,11 @@ pub fn fault(suspect: &Suspect, cause: &Cause, seq: u64) -> LastError {
     explanation(before, suspect, cause.error.amplitude, format_args!("the change"), seq)
 }
 
-/// "most of theta_9's std may be an input delay and others, unseen".
+/// "theta_9's std covers unseen errors, mostly an input delay".
 pub fn limit(parameter: &str, suspect: &Suspect, seq: u64) -> LastError {
     let mut words = FixedText::<ERROR_TEXT>::default();
-    let _cut = write!(words, "most of {parameter}'s std may be ")
-        .and_then(|()| suspect.write(1.0, &mut words))
-        .and_then(|()| words.write_str(" and others, unseen"));
+    let _cut =
+        write!(words, "{parameter}'s std covers unseen errors, mostly ").and_then(|()| suspect.write(1.0, &mut words));
     LastError::with_text(ErrorCode::Misfit, seq, words.as_str())
 }
 
@@ -125,7 +124,7 @@ mod tests {
                 error.words()
             );
             assert!(error.words().len() < ERROR_TEXT && error.code == ErrorCode::Misfit as u32);
-            assert!(super::limit("theta_9", &suspect, 9).words().ends_with(", unseen"));
+            assert!(super::limit("coulomb_friction_2", &suspect, 9).words().len() < ERROR_TEXT);
             for (or_parameters, first) in [(false, ""), (true, "changed parameters or ")] {
                 let cause = Cause {
                     error: suspicion,

@@ -77,7 +77,7 @@ impl SampleGate {
             return Err(ErrorCode::Saturated);
         }
         let measured = self.signals & signals::DQ != 0;
-        if self.freeze.look(&sample.joint_sample(), joints, measured, driven) {
+        if self.freeze.check(&sample.joint_sample(), joints, measured, driven) {
             return Err(ErrorCode::Frozen);
         }
         Ok(())

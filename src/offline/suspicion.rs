@@ -293,12 +293,14 @@ fn judge_position(column: &ColumnProfile, configured: &Configured<'_>) -> Option
     }
 }
 
-/// Estimates at a bound: name, start, lower and upper bound, estimate.
-pub fn judge_bounds<'a>(parameters: impl Iterator<Item = (&'a str, f64, [f64; 2], f64)>) -> Vec<Suspicion> {
-    let held = |(name, start, bounds, estimate): (&str, f64, [f64; 2], f64)| {
-        // Closer than data would bring it: a thousandth of the distance moved.
+/// Estimates at a bound: name, start, lower and upper bound, estimate and its standard deviation.
+pub fn judge_bounds<'a>(parameters: impl Iterator<Item = (&'a str, f64, [f64; 2], [f64; 2])>) -> Vec<Suspicion> {
+    let held = |(name, start, bounds, [estimate, std]): (&str, f64, [f64; 2], [f64; 2])| {
+        // Closer than data would bring it: a thousandth of the distance moved. A small value that
+        // is known to be above 0 is not at its bound.
         let at = bounds.into_iter().find(|bound| {
-            bound.is_finite() && start != *bound && (estimate - bound).abs() <= 1e-3 * (start - bound).abs()
+            let distance = (estimate - bound).abs();
+            bound.is_finite() && start != *bound && distance <= 1e-3 * (start - bound).abs() && distance <= 3.0 * std
         });
         at.map(|bound| Suspicion::AtBound {
             parameter: name.to_owned(),

@@ -329,28 +329,30 @@ fn rest_of_series(first: &Path, number: u32) -> u64 {
 }
 
 /// The commands to the identifier during a recording, in the order in which they took effect; for a
-/// rotated one from this file on.
+/// rotated one from this file on. Also returns the number of damaged entries, which are missing.
 ///
 /// # Errors
 /// If a file cannot be read.
-pub fn read_journal(path: &Path) -> Result<Vec<Journal>, ReadError> {
+pub fn read_journal(path: &Path) -> Result<(Vec<Journal>, u64), ReadError> {
     let mut file = RecordFile::open(path)?;
     let info = file.find_info()?;
     let (first, mut number) = first_file(path, &info);
-    let mut entries = Vec::new();
-    // Damage is counted when the messages are read.
+    let (mut entries, mut damaged) = (Vec::new(), 0);
+    // Other damage is counted when the messages are read.
     let mut ignored = Loss::default();
     loop {
         loop {
             match file.next_record(&mut ignored)? {
                 Next::Record(op::METADATA) => {
-                    if let Some((name, map)) = file.metadata()
-                        && name == JOURNAL_METADATA
-                    {
-                        match journal_from_map(&map) {
-                            Some(entry) => entries.push(entry),
-                            None => ignored.messages += 1,
-                        }
+                    let entry = match file.metadata() {
+                        Some((name, map)) if name == JOURNAL_METADATA => journal_from_map(&map),
+                        Some(_) => continue,
+                        // damaged, and may have been a journal
+                        None => None,
+                    };
+                    match entry {
+                        Some(entry) => entries.push(entry),
+                        None => damaged += 1,
                     }
                 }
                 Next::Record(_) => {}
@@ -368,7 +370,7 @@ pub fn read_journal(path: &Path) -> Result<Vec<Journal>, ReadError> {
         }
         number = next;
     }
-    Ok(entries)
+    Ok((entries, damaged))
 }
 
 /// Channel, sequence, log time, publish time.

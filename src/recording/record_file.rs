@@ -271,7 +271,8 @@ impl RecordFile {
                 loss.bytes += place(at) - failed_at;
                 return self.seek(place(at));
             }
-            if window.len() as u64 == left {
+            // The last window, or a file that has become shorter meanwhile.
+            if (window.len() as u64) < left.min(1 << 20) || window.len() as u64 == left {
                 loss.bytes += self.length - failed_at;
                 return self.seek(self.length);
             }

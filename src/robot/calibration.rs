@@ -33,6 +33,10 @@ use nalgebra::{DMatrix, DVector, Matrix3};
 const GAIN_PRIOR: (f64, f64) = (0.3, 0.1);
 /// Gauss–Newton steps; a few suffice, because the problem is nearly linear.
 const STEPS: usize = 30;
+/// Largest factor by which a gain so far may be wrong.
+const LARGEST_FACTOR: f64 = 5.0;
+/// Largest distance \[m\] along an axis of the load's centre of mass from the flange.
+const FARTHEST_M: f64 = 5.0;
 /// Step at which they end, as a part of the standard deviations.
 const SETTLED: f64 = 1e-3;
 /// The two recordings in messages.
@@ -94,6 +98,18 @@ pub enum CalibrationError {
         "gains: expected factors above 0, got {0:?}; is the load on the flange in the second recording, and not in the first?"
     )]
     Gains(Vec<f64>),
+    /// Factors that no gain is wrong by.
+    #[error(
+        "gains: expected factors of 0.2 to 5 on the gains so far, got {0:?}; is the load on the flange in the second recording \
+         and not in the first, and is its mass right? If the gains so far are only guesses, state rough ones in drive.gain"
+    )]
+    Factors(Vec<f64>),
+    /// An estimated centre of mass that no load on a flange has.
+    #[error(
+        "centre of mass of the load: expected at most 5 m from the flange, got {0:?} m; is the load on the flange in the second \
+         recording and not in the first, and is its mass right?"
+    )]
+    Center([f64; 3]),
 }
 
 /// Factors of the gains.
@@ -343,6 +359,18 @@ impl<'a> Problem<'a> {
         if (0..joints).any(|j| !(gain(j) > 0.0 && gain(j).is_finite())) {
             return Err(CalibrationError::Gains((0..joints).map(gain).collect()));
         }
+        let factors: Vec<f64> = (0..joints).map(|j| 1.0 / gain(j)).collect();
+        if factors
+            .iter()
+            .any(|f| !(1.0 / LARGEST_FACTOR..=LARGEST_FACTOR).contains(f))
+        {
+            return Err(CalibrationError::Factors(factors));
+        }
+        let mass = self.x[self.first_load];
+        let center_m: [f64; 3] = std::array::from_fn(|i| self.x[self.first_load + 1 + i] / mass);
+        if center_m.iter().any(|x| !(x.abs() <= FARTHEST_M)) {
+            return Err(CalibrationError::Center(center_m));
+        }
         // Each gain is weighted by the joint's information on a mass.
         let share: Vec<f64> = (0..joints)
             .map(|j| {
@@ -361,14 +389,13 @@ impl<'a> Problem<'a> {
                 variance += share[i] / total * share[j] / total * covariance[at] / (gain(i) * gain(j));
             }
         }
-        let mass = self.x[self.first_load];
         Ok(GainCalibration {
-            factor: (0..joints).map(|j| 1.0 / gain(j)).collect(),
+            factor: factors,
             factor_std: (0..joints)
                 .map(|j| covariance[(self.first_gain + j, self.first_gain + j)].max(0.0).sqrt() / gain(j).powi(2))
                 .collect(),
             mass_std: variance.max(0.0).sqrt(),
-            center_m: std::array::from_fn(|i| self.x[self.first_load + 1 + i] / mass),
+            center_m,
         })
     }
 }

@@ -4,17 +4,17 @@
 //!
 //! ```text
 //! Λ = Λ₀ + Σ_j A_j / (f_j σ_j)²,      Λ θ̂ = Λ₀ θ₀ + Σ_j b_j / (f_j σ_j)²                     (1)
-//! σ_j² = Σ (τ − x·θ̂)² / rows                                                                 (2)
-//! e = F ᵀ(τ − X θ̂) over one block,    f_j² = mean of eᵀ (F ᵀF)⁻¹ e / (k σ_j²) over blocks     (3)
+//! σ_j² = Σ (τ − x·θ̂)² / (rows − k_j)                                                         (2)
+//! e = Fᵀ(τ − X θ̂) over one block,     f_j² = mean of eᵀ (FᵀF)⁻¹ e / (k_j σ_j²) over blocks    (3)
 //! P ← P + Q per block                                                                        (4)
 //! ```
 //!
 //! On arms the misfit of friction dominates the noise and is correlated over seconds, so the rows
-//! carry less information than their number suggests. F are the k friction columns of a joint: with
-//! uncorrelated rows e has the covariance σ² FᵀF and f_j is 1; a misfit that keeps its sign through
-//! a block increases f_j. This is the block-wise sandwich estimator, reduced to one factor per
-//! joint so that a few blocks suffice; it also covers the overlap of the windows. f_j enters the
-//! weights, so the covariance P = Λ⁻¹ needs no later correction.
+//! carry less information than their number suggests. F are the k_j friction columns of a joint:
+//! with uncorrelated rows e has the covariance σ² FᵀF and f_j is 1; a misfit that keeps its sign
+//! through a block increases f_j. This is the block-wise sandwich estimator, reduced to one factor
+//! per joint so that a few blocks suffice; it also covers the overlap of the windows. f_j enters
+//! the weights, so the covariance P = Λ⁻¹ needs no later correction.
 //!
 //! At first, (1)–(3) are iterated over all data so far, because the A_j are kept per joint. After
 //! `settle_blocks` blocks they are condensed into Λ and, with a friction walk, (4) lets friction
@@ -414,7 +414,8 @@ impl RobotIdentifier {
         self.solve_known();
     }
 
-    /// Adds the share `part` of their size to the standard deviations of the friction parameters.
+    /// Adds (`part` · size)² to the variance of each friction parameter; its size is |θ̂| or three
+    /// standard deviations, whichever is larger.
     pub(super) fn widen(&mut self, part: f64) {
         for (k, &i) in self.frictions.iter().enumerate() {
             let size = self.theta[i]

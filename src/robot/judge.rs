@@ -15,7 +15,7 @@ use super::identify::RobotIdentifier;
 use super::impossible_room::Impossible;
 use super::model::RobotModel;
 use super::state::{FilteredSample, RobotSample};
-use super::suspicion::{FACTOR, RobotSuspicion};
+use super::suspicion::{RATIO, RobotSuspicion};
 use super::tree::RobotJoint;
 use crate::model::MAX_JOINTS;
 use std::f64::consts::{PI, TAU};
@@ -265,7 +265,7 @@ impl Rate {
         let k = self.vd / self.dd; // (1)
         let misfit = (self.vv - self.vd * k).max(0.0) / (self.count - 1) as f64;
         let margin = SURE * (misfit / self.dd).sqrt();
-        (k + margin < FACTOR.start || k - margin > FACTOR.end).then_some(k)
+        (k + margin < RATIO.start || k - margin > RATIO.end).then_some(k)
     }
 }
 

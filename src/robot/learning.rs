@@ -117,7 +117,7 @@ impl RobotIdentifier {
     }
 
     pub(super) fn weight(&self, joint: usize) -> f64 {
-        (self.inflation[joint] * self.torque_std[joint]).powi(-2)
+        weights(&self.inflation, &self.torque_std)(joint)
     }
 
     /// The prior and `total` as information, for the payload carried during all of it; offsets are
@@ -153,7 +153,7 @@ impl RobotIdentifier {
 
     /// (1) over all data so far.
     pub(super) fn solve_all(&mut self) {
-        let weight = |joint: usize| (self.inflation[joint] * self.torque_std[joint]).powi(-2);
+        let weight = weights(&self.inflation, &self.torque_std);
         let load = self.payload.as_mut().filter(|_| self.is_loaded);
         let besides = (load, self.left_out.as_ref());
         let offsets = Some((&mut self.offset_drift, Origin::Mean, &self.fixed[..]));
@@ -170,7 +170,7 @@ impl RobotIdentifier {
     pub(super) fn condense(&mut self) {
         if !self.condensed {
             self.condensed = true;
-            let weight = |joint: usize| (self.inflation[joint] * self.torque_std[joint]).powi(-2);
+            let weight = weights(&self.inflation, &self.torque_std);
             let load = self.payload.as_mut().filter(|_| self.is_loaded);
             let besides = (load, self.left_out.as_ref());
             let now_s = self.rows.elapsed_s();
@@ -190,7 +190,7 @@ impl RobotIdentifier {
     pub(super) fn assemble_older(&mut self, slices: usize, origin: Origin) {
         if !self.condensed {
             self.pending.add_to(slices, &self.total, &mut self.older);
-            let weight = |joint: usize| (self.inflation[joint] * self.torque_std[joint]).powi(-2);
+            let weight = weights(&self.inflation, &self.torque_std);
             let load = self.payload.as_mut().filter(|_| self.is_loaded);
             let besides = (load, self.left_out.as_ref());
             let offsets = Some((&mut self.offset_drift, origin, &self.fixed[..]));
@@ -231,7 +231,7 @@ impl RobotIdentifier {
                 continue;
             }
             for (joint, sums) in slice.sums.iter().enumerate().filter(|(_, sums)| sums.rows > 0) {
-                let weight = (self.inflation[joint] * self.torque_std[joint]).powi(-2);
+                let weight = weights(&self.inflation, &self.torque_std)(joint);
                 let load = self.payload.as_mut().filter(|_| self.is_loaded);
                 learn(sums, weight, load, &mut self.committed);
             }
@@ -372,6 +372,11 @@ impl RobotIdentifier {
         self.figures
             .of_gain(&mut self.solver, &self.gain, &self.fixed, &self.size);
     }
+}
+
+/// 1/(f_j σ_j)² of (1), for each joint.
+fn weights(inflation: &[f64], torque_std: &[f64]) -> impl Fn(usize) -> f64 + Copy {
+    move |joint| (inflation[joint] * torque_std[joint]).powi(-2)
 }
 
 /// Adds weight · (A, b) of a joint's rows, for a robot with or without payload.

@@ -45,9 +45,9 @@ pub enum Meaningful {
     /// Any.
     All,
     /// 0 and above; a negative value may be compensated by other terms, and alone has no meaning.
-    NotNegative,
+    NonNegative,
     /// 0 and above, because no machine has a negative value: that refutes the model.
-    Positive,
+    RefutedBelowZero,
     /// None: the parameter absorbs errors of others.
     None,
 }
@@ -57,20 +57,20 @@ impl Meaningful {
     pub fn holds(self, value: f64) -> bool {
         match self {
             Self::All => true,
-            Self::NotNegative | Self::Positive => value >= 0.0,
+            Self::NonNegative | Self::RefutedBelowZero => value >= 0.0,
             Self::None => false,
         }
     }
 
     /// True if no machine can have this value, which is known to within `margin`.
     pub fn refutes(self, value: f64, margin: f64) -> bool {
-        self == Self::Positive && value < -margin
+        self == Self::RefutedBelowZero && value < -margin
     }
 
     fn of_friction(term: FrictionTerm) -> Self {
         match term {
-            FrictionTerm::Viscous => Self::NotNegative,
-            FrictionTerm::Coulomb => Self::Positive,
+            FrictionTerm::Viscous => Self::NonNegative,
+            FrictionTerm::Coulomb => Self::RefutedBelowZero,
             FrictionTerm::Reversal => Self::None,
             FrictionTerm::Offset | FrictionTerm::Load | FrictionTerm::Stribeck | FrictionTerm::Spring => Self::All,
         }

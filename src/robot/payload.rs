@@ -106,8 +106,8 @@ impl Payload {
                 nominal: 0.0,
                 scale,
                 range: match *name {
-                    "payload_m" => Meaningful::Positive,
-                    "payload_Ixx" | "payload_Iyy" | "payload_Izz" => Meaningful::NotNegative,
+                    "payload_m" => Meaningful::RefutedBelowZero,
+                    "payload_Ixx" | "payload_Iyy" | "payload_Izz" => Meaningful::NonNegative,
                     _ => Meaningful::All,
                 },
             })

@@ -228,7 +228,7 @@ impl<'a> Tree<'a> {
             let known = self.urdf.links.iter().map(|link| link.name.as_str());
             selection_error(
                 role,
-                format!("the name of a link: {}", listed(known)),
+                format!("the name of a link: {}", name_list(known)),
                 format!("\"{name}\""),
             )
         })
@@ -247,7 +247,7 @@ impl<'a> Tree<'a> {
                 Err(selection_error(
                     "base",
                     "the name of the base link, because the file has several parts".to_owned(),
-                    format!("none; links without a joint before them are {}", listed(names)),
+                    format!("none; links without a joint before them are {}", name_list(names)),
                 ))
             }
         }
@@ -285,7 +285,7 @@ impl<'a> Tree<'a> {
                     "both".to_owned(),
                 ));
             }
-            (Some(names), None) => self.listed(order, names)?,
+            (Some(names), None) => self.joint_order(order, names)?,
             (None, Some(tip)) => {
                 let path = self.path(base, self.link("tip", tip)?, tip)?;
                 path.into_iter().filter(can_move).collect()
@@ -304,13 +304,13 @@ impl<'a> Tree<'a> {
             return Err(selection_error(
                 "the robot",
                 format!("1 to {MAX_JOINTS} moving joints; choose them by `tip` or `joints`"),
-                format!("{count}: {}", listed(names)),
+                format!("{count}: {}", name_list(names)),
             ));
         }
         Ok(moving)
     }
 
-    fn listed(&self, order: &[usize], names: &[String]) -> Result<Vec<usize>, UrdfError> {
+    fn joint_order(&self, order: &[usize], names: &[String]) -> Result<Vec<usize>, UrdfError> {
         let joints = &self.urdf.joints;
         let mut moving: Vec<usize> = Vec::new();
         for name in names {
@@ -319,7 +319,7 @@ impl<'a> Tree<'a> {
                 .iter()
                 .filter(|joint| joints[**joint].kind != JointKind::Fixed)
                 .map(|joint| joints[*joint].name.as_str());
-            let expected = || format!("names of joints behind the base that move: {}", listed(movable));
+            let expected = || format!("names of joints behind the base that move: {}", name_list(movable));
             let Some(joint) = found else {
                 return Err(selection_error("joints", expected(), format!("\"{name}\"")));
             };
@@ -393,7 +393,7 @@ impl<'a> Tree<'a> {
         Err(selection_error(
             "tip",
             "a `tip` link or a list of `joints`, because the robot branches".to_owned(),
-            format!("none; the last joints of its branches are {}", listed(names)),
+            format!("none; the last joints of its branches are {}", name_list(names)),
         ))
     }
 
@@ -510,7 +510,7 @@ fn selection_error(element: &str, expected: String, got: String) -> UrdfError {
 }
 
 /// Names for a message: the first ten of them.
-fn listed<'a>(names: impl Iterator<Item = &'a str>) -> String {
+fn name_list<'a>(names: impl Iterator<Item = &'a str>) -> String {
     const MOST: usize = 10;
     let names: Vec<&str> = names.collect();
     let shown = names[..names.len().min(MOST)].join(", ");

@@ -36,7 +36,7 @@ impl RobotIdentifier {
                 square += nominal * nominal / variance;
             }
         }
-        prior.look(along / square);
+        prior.test(along / square);
         self.urdf_prior = Some(prior);
     }
 }

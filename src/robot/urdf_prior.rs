@@ -334,7 +334,7 @@ impl UrdfPrior {
     }
 
     /// Tests all causes. `inertias` is the factor of the inertias relative to the URDF's.
-    pub fn look(&mut self, inertias: f64) {
+    pub fn test(&mut self, inertias: f64) {
         self.found = None;
         let k = self.indices.len();
         self.covariance.iter_mut().zip(&self.spread).for_each(|(c, d)| *c += d); // (1)

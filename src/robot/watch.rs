@@ -62,13 +62,13 @@ impl RobotIdentifier {
                 kept.copy_from(sums);
             }
             self.add_to_inquiry();
-            self.look(now_s);
+            self.test_for_change(now_s);
             self.inquire();
         }
         self.slice.iter_mut().for_each(JointSums::clear);
     }
 
-    fn look(&mut self, now_s: f64) {
+    fn test_for_change(&mut self, now_s: f64) {
         let doubt = self.watch.as_ref().map_or(0, |watch| watch.doubt);
         let slices = self.pending.len().min(WINDOW + doubt);
         if self.blocks == 0 || self.slices < LEARNT || !self.has_enough_rows() {

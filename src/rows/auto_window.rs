@@ -313,8 +313,8 @@ impl SampleBlock for AutoWindowBlock {
         }
     }
 
-    fn look_closely(&mut self, closely: bool) {
-        self.blocks[self.active].look_closely(closely);
+    fn enable_scale_columns(&mut self, enabled: bool) {
+        self.blocks[self.active].enable_scale_columns(enabled);
     }
 
     fn replaced(&self) -> u32 {

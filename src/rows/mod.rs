@@ -62,10 +62,9 @@ pub trait SampleBlock: Residuals {
     /// computed here, once per block, because they must not depend on the fit. Call it after the
     /// last `push` of a block and before reading rows.
     fn prepare(&mut self, _theta: &[f64]) {}
-    /// Chooses whether the next rows have columns of all errors that can arise while a machine
-    /// runs; some are needed only to find the cause of a change. Call it before
-    /// [`prepare`](Self::prepare).
-    fn look_closely(&mut self, _closely: bool) {}
+    /// Chooses whether the next rows have columns of the encoders' scales, which are needed only to
+    /// find the cause of a change. Call it before [`prepare`](Self::prepare).
+    fn enable_scale_columns(&mut self, _enabled: bool) {}
     /// Number of spikes replaced in the block, counted per signal; valid after
     /// [`prepare`](Self::prepare).
     fn replaced(&self) -> u32 {

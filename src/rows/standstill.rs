@@ -184,7 +184,7 @@ impl Standstill {
     /// Finds the rests of a joint in one uninterrupted stretch of its positions. `resolution` is
     /// the size of a count, `noise` the standard deviation besides the rounding, `velocity` that
     /// of the filtered velocity, per sample.
-    pub fn look(
+    pub fn find(
         &mut self,
         joint: usize,
         q: &[f64],
@@ -254,8 +254,8 @@ impl Standstill {
 }
 
 /// Finds the rests in a stretch of positions: whenever they stay within `width` for `shortest`
-/// samples and do not merely reverse or pass there. These count, too, if they stay there for `slow`
-/// samples.
+/// samples and do not merely reverse or pass there. A reversal or a passage of `slow` samples or
+/// more is a rest, too.
 fn find(q: &[f64], stretch: Range<usize>, width: f64, shortest: usize, slow: usize, rest: impl FnMut(usize, usize)) {
     let band = |x: &[f64]| {
         let width = width.max(1e-12 * x[0].abs()).max(f64::MIN_POSITIVE);
@@ -428,7 +428,7 @@ mod tests {
         let found = |arm: &ExtendedManipulator, acceleration: f64| {
             let q = turn(acceleration, 0.0);
             let mut standstill = Standstill::new(arm, &[1.0; 101], q.len(), 10);
-            standstill.look(0, &q, 0..q.len(), (1e-4, 0.0), 0.0);
+            standstill.find(0, &q, 0..q.len(), (1e-4, 0.0), 0.0);
             standstill.rests[0].len()
         };
         // within a count for 2 √(2 W/a): 28 ms at 1 rad/s², 9 ms at 10 rad/s², a fifth of the
@@ -464,7 +464,7 @@ mod tests {
         for (speed, known) in [(0.01, false), (0.05, false), (0.2, true), (1.0, true)] {
             let q: Vec<f64> = (0..4000).map(|k| (speed * f64::from(k)).round() * 1e-4).collect();
             let mut standstill = Standstill::new(&axis, &[1.0; 41], q.len(), 10);
-            standstill.look(0, &q, 0..q.len(), (1e-4, 0.0), 0.03e-4);
+            standstill.find(0, &q, 0..q.len(), (1e-4, 0.0), 0.03e-4);
             assert_eq!(standstill.rests[0].is_empty(), known, "{speed}");
         }
     }

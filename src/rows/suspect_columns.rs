@@ -28,11 +28,11 @@
 //! root mean square of the velocity in the first block that moves: together they approximate any
 //! v_s between. The standard deviations of friction, dead band, offset and spring are shares of
 //! u_r, the largest root mean square of a block's input so far, so one default fits drives of any
-//! voltage. sat is the sign function with a linear middle, as wide as three standard deviations of
-//! the velocity's noise, because at rest friction and noise may have either sign, or a fiftieth of
-//! u_r. The offset is a share of the input's range, if that is larger: slow motion uses little of
-//! it, and the offset of an amplifier or a sensor does not depend on the motion. The range is taken
-//! to be at least 400 times the input's noise. A flexible joint has u (1 + s²/ω_a²) = (1 +
+//! voltage. sat is the sign function with a linear middle. For velocities it is three standard
+//! deviations of their noise wide, because at rest the sign is that of the noise, and for inputs a
+//! fiftieth of u_r. The offset is a share of u_r or of 400 standard deviations of the input's
+//! noise, whichever is larger: the offset of an amplifier or a sensor does not depend on the
+//! motion, and u_r is small in slow motion. A flexible joint has u (1 + s²/ω_a²) = (1 +
 //! s²/ω_r²)·(the rigid terms), so to first order in 1/ω² its rigid model is off by (1/ω_r² −
 //! 1/ω_a²) s² u: the second derivative of the input, for any equation. Its sign depends on the side
 //! of the encoder.
@@ -98,7 +98,7 @@ pub(super) struct SuspectColumns {
     turns: Vec<[Vec<f64>; 3]>,
     /// q/σ per joint and sample, for scales, and whether these have columns.
     scaled: Vec<Vec<f64>>,
-    closely: bool,
+    has_scale_columns: bool,
     /// Relative changes of the parameters by a clock that runs fast.
     tempo: Option<Vec<f64>>,
     /// Square root of the sum of squares of the velocity filter's weights.
@@ -180,7 +180,7 @@ impl SuspectColumns {
                 })
                 .collect(),
             scaled: vec![vec![0.0; capacity]; plant.joints()],
-            closely: false,
+            has_scale_columns: false,
             tempo: tempo(plant),
             velocity_gain: dot(velocity_weights, velocity_weights).sqrt(),
             places: SuspectPlaces { inputs, jumps },
@@ -296,12 +296,12 @@ impl SuspectColumns {
     }
 
     /// Chooses whether there are columns of scales.
-    pub fn look_closely(&mut self, closely: bool) {
+    pub fn enable_scale_columns(&mut self, enabled: bool) {
         let scales = (0..self.places.inputs.len()).map(|of| place(of, SCALE));
-        for white in self.white.iter_mut().filter(|_| self.closely && !closely) {
+        for white in self.white.iter_mut().filter(|_| self.has_scale_columns && !enabled) {
             scales.clone().for_each(|scale| white[scale].fill(0.0));
         }
-        self.closely = closely;
+        self.has_scale_columns = enabled;
     }
 
     /// Describes an error; indices beyond the last are the drifts of the parameters.
@@ -359,7 +359,7 @@ impl SuspectColumns {
             let size = root_mean_square(&signals.u[joint][..len]);
             self.sizes[joint] = self.sizes[joint].max(size);
             self.travels[joint] = self.travels[joint].max(standard_deviation(&signals.q[joint][..len]));
-            if self.closely {
+            if self.has_scale_columns {
                 let positions = signals.q[joint][..len].iter().zip(&q_std[joint]);
                 let scaled = self.scaled[joint].iter_mut().zip(positions);
                 scaled.for_each(|(scaled, (q, std))| *scaled = q / std);
@@ -475,7 +475,7 @@ impl SuspectColumns {
         for (of, &joint) in self.places.inputs.iter().enumerate() {
             let (c, first) = c(joint);
             if let (true, Some(entry), Some(scaled)) = (
-                self.closely,
+                self.has_scale_columns,
                 self.columns[e][place(of, SCALE)].get_mut(row),
                 self.scaled[joint].get(first..first + c.len()),
             ) {
@@ -498,8 +498,8 @@ impl SuspectColumns {
 
     /// Whitens the columns of an equation.
     pub fn whiten(&mut self, e: usize, rows: usize, whitening: &mut Whitening) {
-        let (columns, closely) = (self.white[e].iter_mut().zip(&self.columns[e]), self.closely);
-        let wanted = |place: &usize| closely || SuspectPlaces::within(*place).is_none_or(|(_, index)| index != SCALE);
+        let (columns, enabled) = (self.white[e].iter_mut().zip(&self.columns[e]), self.has_scale_columns);
+        let wanted = |place: &usize| enabled || SuspectPlaces::within(*place).is_none_or(|(_, index)| index != SCALE);
         let columns = columns
             .enumerate()
             .filter(|(place, (_, raw))| !raw.is_empty() && wanted(place));

@@ -63,14 +63,19 @@ pub fn run_controller(
             estimates.drain(|estimate| _ = follower.feed_forward.on_estimate(estimate))?;
         }
         let mut last: Option<Sample> = None;
-        ports.samples.drain(BATCH, |sample| last = Some(*sample))?;
+        let mut ended = false;
+        ports.samples.drain(BATCH, |sample| {
+            ended |= sample.is_end();
+            last = Some(*sample);
+        })?;
         // Of samples that arrived together, only the newest needs an answer.
         let Some(sample) = last else { continue };
         if let Some(command) = path.answer(follower, &sample) {
             ports.commands.send(&command)?;
             answered += 1;
         }
-        if sample.is_end() && stay == Stay::UntilEnd {
+        // the next stream may have begun in the same batch
+        if ended && stay == Stay::UntilEnd {
             break;
         }
     }

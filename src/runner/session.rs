@@ -78,7 +78,7 @@ impl Session {
         }
     }
 
-    /// Returns the node; processes that wait for an answer of the loop need not wait any longer.
+    /// Returns the node and drops the ports, so that nobody waits for an answer of the loop.
     pub fn into_node(self) -> Box<dyn Identifier> {
         self.node
     }
@@ -160,9 +160,9 @@ impl Session {
         Ok(())
     }
 
-    /// Sends the last messages to late joiners. True once it need not stay: two ticks have passed
-    /// and there is no reader, or a reader has left, or the process is asked to stop; at once after
-    /// a failure, so that the other sessions stay as long as they need.
+    /// Sends the last messages to late joiners. True once it need not stay: after a failure, after
+    /// `LINGER`, or after two ticks if there was no reader, a reader has left, or the process is
+    /// asked to stop.
     pub(super) fn linger(&mut self, waited: Duration, stopping: bool) -> Result<bool, BusError> {
         if self.has_failed {
             return Ok(true);

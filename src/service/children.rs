@@ -35,6 +35,8 @@ use std::time::{Duration, Instant};
 const POLL: Duration = Duration::from_millis(20);
 /// How long identifier and monitor may take to empty their queues after the plant has ended.
 const GRACE: Duration = Duration::from_secs(10);
+/// The same if the plant has ended before its first sample, so that there is nothing in the queues.
+const NO_STREAM_GRACE: Duration = Duration::from_secs(1);
 /// How long a process may take to end after its signal.
 const SIGNAL_GRACE: Duration = Duration::from_secs(5);
 /// How long the others may take to end by themselves after one has failed.
@@ -180,7 +182,7 @@ impl Children {
             }
             if let Some(gone) = self.plant_gone() {
                 // Without a first sample there is no END to wait for.
-                let grace = if streaming { GRACE } else { SIGNAL_GRACE.min(GRACE) / 5 };
+                let grace = if streaming { GRACE } else { NO_STREAM_GRACE };
                 if gone.elapsed() > grace {
                     self.end_all(SIGNAL_GRACE);
                 }
@@ -215,7 +217,7 @@ impl Children {
     /// Ends the remaining children: by themselves within `grace`, then by SIGTERM, then by SIGKILL.
     fn end_all(&mut self, grace: Duration) {
         let start = Instant::now();
-        while self.any_left() && start.elapsed() < 2 * grace + SIGNAL_GRACE {
+        while self.any_left() && start.elapsed() < grace + SIGNAL_GRACE {
             // The identifier drains the plant's END, the monitor the identifier's last status.
             if start.elapsed() >= grace {
                 self.processes.iter_mut().for_each(Process::terminate);

@@ -255,7 +255,7 @@ impl Commands {
         }
         if own == "block_len" && value > self.longest_block as f64 {
             return Err(format!(
-                "block_len: expected at most {} while the identifier runs, for the room is taken at once, got {value}; start the identifier \
+                "block_len: expected at most {} while the identifier runs, because its memory is allocated at the start, got {value}; start the identifier \
                  with blocks that long",
                 self.longest_block
             ));

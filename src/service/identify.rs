@@ -69,13 +69,19 @@ pub fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         }
     }
     let loss = reader.loss();
-    let exit = line.finish(loss, None)?;
     report::tell_loss(&loss);
+    let finished = line.finish(loss, None);
     let missing = Loss {
         samples_not_recorded: 0,
         ..loss
     };
-    Ok(if missing.is_none() { exit } else { Exit::DataLoss })
+    if missing.is_none() {
+        return finished;
+    }
+    if let Err(failure) = finished {
+        tracing::error!("{failure}");
+    }
+    Ok(Exit::DataLoss)
 }
 
 /// True for a user's log, which contains no configuration: by its name, or because the file neither

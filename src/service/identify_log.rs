@@ -123,9 +123,11 @@ fn tell(input: &Path, config: &Config, log: &LogReader<BufReader<File>>, line: &
         input_sign: input_sign(config),
     };
     let parameters = config.model.parameters().iter();
-    let known = parameters.zip(&config.estimator.options.parameters).zip(line.theta());
+    let known = parameters
+        .zip(&config.estimator.options.parameters)
+        .zip(line.estimates());
     let bounds = known.filter(|((_, prior), _)| !prior.fixed);
-    let bounds = bounds.map(|((p, prior), &estimate)| (&*p.name, prior.start, [prior.lower, prior.upper], estimate));
+    let bounds = bounds.map(|((p, prior), estimate)| (&*p.name, prior.start, [prior.lower, prior.upper], estimate));
     let found = judge_profile(log.profile(), &configured, &log.input_correlations());
     for suspicion in found
         .into_iter()

@@ -110,10 +110,16 @@ impl<'a> OfflineRun<'a> {
         written.map_err(|e| unwritable(ESTIMATES_CSV, &e))
     }
 
-    /// The last estimate; empty if there is none.
-    pub(super) fn theta(&self) -> &[f64] {
-        let last = self.run.estimates.last();
-        last.map_or(&[], |e| &e.theta[..(e.params as usize).min(e.theta.len())])
+    /// The last estimates with their standard deviations; none without a block.
+    pub(super) fn estimates(&self) -> impl Iterator<Item = [f64; 2]> {
+        let last = self.run.estimates.last().into_iter();
+        last.flat_map(|e| {
+            e.theta
+                .iter()
+                .zip(&e.theta_std)
+                .take(e.params as usize)
+                .map(|(theta, std)| [*theta, *std])
+        })
     }
 
     /// Writes table, advice and files; `about_input` is an additional line about the input.

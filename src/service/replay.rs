@@ -3,12 +3,13 @@
 use super::args::domain;
 use super::plant::{delivery, limit, stream_id};
 use super::record::recording_at;
+use super::script::recorded_commands;
 use super::ticker::Ticker;
 use super::{CommonArgs, Exit, Failure, ReplayArgs, foreign, logging, report};
 use crate::bus::{Bus, BusError, ControlClient, Delivery, Role, RoleLock, SamplePublisher};
 use crate::config::{Source, Speed};
 use crate::messages::{Request, Sample, response_code, sample_flags, stream_tag};
-use crate::recording::{Entry, ReadError, RecordingReader, read_journal};
+use crate::recording::{Entry, ReadError, RecordingReader};
 use crate::runner::{Pace, SampleSource, Shutdown, TICK, run_plant};
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -78,7 +79,7 @@ fn repeat_commands(
     shutdown: &Shutdown,
 ) -> Result<(), Failure> {
     let stream = source.stream_id_recorded();
-    let journal = read_journal(recording).map_err(report::unreadable)?;
+    let journal = recorded_commands(recording)?;
     // A replay ends with the first stream.
     let requests: Vec<_> = journal
         .iter()

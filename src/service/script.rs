@@ -19,13 +19,28 @@ pub(super) struct Script {
     skipped: u64,
 }
 
+/// The commands of a recording; warns about damaged ones.
+///
+/// # Errors
+/// If the recording cannot be read.
+pub(super) fn recorded_commands(recording: &Path) -> Result<Vec<Journal>, Failure> {
+    let (entries, damaged) = read_journal(recording).map_err(report::unreadable)?;
+    if damaged > 0 {
+        tracing::warn!(
+            damaged,
+            "commands of the recording cannot be read and are left out: estimates may differ from the recorded ones"
+        );
+    }
+    Ok(entries)
+}
+
 impl Script {
     /// Reads the journal of a recording, for a node that matches `commands`.
     ///
     /// # Errors
     /// If the recording cannot be read.
     pub(super) fn read(recording: &Path, commands: Commands) -> Result<Self, Failure> {
-        let entries: VecDeque<Journal> = read_journal(recording).map_err(report::unreadable)?.into();
+        let entries = VecDeque::from(recorded_commands(recording)?);
         if !entries.is_empty() {
             tracing::info!(entries = entries.len(), "the recording's commands are repeated");
         }

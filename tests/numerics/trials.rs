@@ -434,7 +434,7 @@ fn ident_a_delay_that_slow_motion_hardly_shows_is_not_taken_for_known() {
 }
 
 /// Each parameter of an equation follows the gain of its drive, without a residual: without the
-/// inquest the estimate would be wrong by as much, at hundreds of standard deviations. A payload
+/// cause_search the estimate would be wrong by as much, at hundreds of standard deviations. A payload
 /// moves some of them only.
 #[test]
 fn prop_a_drive_or_sensor_that_changes_is_not_taken_for_the_plant() {

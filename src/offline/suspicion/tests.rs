@@ -184,10 +184,11 @@ fn regress_times_separators_and_fields_are_told_by_their_looks() {
 fn regress_an_estimate_at_its_bound_is_named() {
     let inf = f64::INFINITY;
     let parameters = [
-        ("mass", 50.0, [0.0, inf], 2e-22),
-        ("friction", 100.0, [0.0, inf], 3.0),
-        ("offset", 0.0, [-inf, inf], 0.0),
-        ("never moved", 0.0, [0.0, inf], 0.0),
+        ("mass", 50.0, [0.0, inf], [2e-22, 1e-9]),
+        ("rotor of a small motor", 50.0, [0.0, inf], [2e-4, 2.5e-7]),
+        ("friction", 100.0, [0.0, inf], [3.0, 1.0]),
+        ("offset", 0.0, [-inf, inf], [0.0, 0.1]),
+        ("never moved", 0.0, [0.0, inf], [0.0, 0.1]),
     ];
     let found = judge_bounds(parameters.into_iter());
     assert_eq!(found.len(), 1, "{found:?}");

@@ -186,8 +186,8 @@ impl SampleBlock for ProjectedBlock {
         }
     }
 
-    fn look_closely(&mut self, closely: bool) {
-        self.rows.suspects.look_closely(closely);
+    fn enable_scale_columns(&mut self, enabled: bool) {
+        self.rows.suspects.enable_scale_columns(enabled);
     }
 
     fn replaced(&self) -> u32 {

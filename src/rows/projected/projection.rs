@@ -96,7 +96,7 @@ impl Projection {
             let velocity = self.block.form.velocity.gain * sensors.deviations(joint)[0];
             self.standstill.begin(joint);
             for stretch in samples.repair.stretches(samples.len) {
-                self.standstill.look(joint, q, stretch, noise, velocity);
+                self.standstill.find(joint, q, stretch, noise, velocity);
             }
         }
         self.standstill

@@ -40,7 +40,7 @@ pub fn trial(spec: &Spec, more: &[String]) -> Result<TrialResult, Failure> {
         node.on_sample(sample, &mut |estimate| estimates.push(*estimate));
         if !estimates.is_empty() {
             cause = words(node.as_ref(), "would explain").or(cause.take());
-            limit = words(node.as_ref(), ", unseen").or(limit.take());
+            limit = words(node.as_ref(), "unseen errors").or(limit.take());
         }
     })?;
     (result.named_cause, result.named_limit) = (cause, limit);
@@ -48,7 +48,7 @@ pub fn trial(spec: &Spec, more: &[String]) -> Result<TrialResult, Failure> {
 }
 
 /// The status text if it contains `what`: a term "would explain" a misfit, or most of σ is due to
-/// one ", unseen".
+/// "unseen errors".
 fn words(node: &dyn Identifier, what: &str) -> Option<String> {
     let status = node.status();
     let words = status.error.words();

@@ -87,6 +87,24 @@ fn ident_gains_are_found_from_a_known_load() {
             assert!((found - truth).abs() < 0.01, "{found} {truth}");
         }
     }
+    // the load in neither recording, and masses that it does not have
+    let known = |mass_kg| KnownLoad {
+        mass_kg,
+        center_m: None,
+        inertia_kg_m2: None,
+    };
+    let right = known(LOAD.mass_kg);
+    for (first, second, load) in [
+        (&empty, &empty, right),
+        (&empty, &loaded, known(1e3)),
+        (&empty, &loaded, known(1e-3)),
+    ] {
+        let error = GainCalibration::of(&model(), &options, first, second, &load).unwrap_err();
+        assert!(
+            error.to_string().contains("is the load on the flange in the second"),
+            "{error}"
+        );
+    }
     let none = KnownLoad {
         mass_kg: -1.0,
         center_m: None,

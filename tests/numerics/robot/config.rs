@@ -99,6 +99,10 @@ fn fault_what_single_keys_do_not_show_is_told_by_its_key() {
             "mine.toml:5: friction.terms: expected each term once, got \"load\" twice",
         ),
         (
+            "[log]\nvelocity_columns = [8, 9, 10, 11, 12, 13]\ninput_columns = [8, 15, 16, 17, 18, 19]\n",
+            "log.input_columns: expected a column of its own for time and for each signal, got column 8 twice",
+        ),
+        (
             "[identify]\nwindow_s = 0.5\nstride_s = 0.001\n",
             "mine.toml:6: identify.stride_s: expected a stride of at least 0.0161 s",
         ),

@@ -61,9 +61,9 @@ pub struct Cause {
     pub or_parameters: bool,
 }
 
-/// State of the inquest into the last change.
+/// State of the search for the cause of the last change.
 #[derive(Debug, Clone)]
-pub struct Inquest {
+pub struct CauseSearch {
     /// A change was found in this block.
     begun: bool,
     /// Groups, a bit each, whose cause is unclear, or whose further change followed one that an
@@ -159,7 +159,7 @@ impl Suspicion {
     }
 }
 
-impl Inquest {
+impl CauseSearch {
     /// No change, for a number of groups.
     pub fn new(groups: usize) -> Self {
         Self {
@@ -207,14 +207,14 @@ impl Inquest {
         self.cause
     }
 
-    /// Ends the inquest without a result.
+    /// Ends the search without a result.
     pub fn close(&mut self, groups: &mut [GroupState]) {
         groups.iter_mut().for_each(|group| group.inquiry.close());
         (self.begun, self.withheld, self.lost, self.ambiguous) = (false, 0, 0, 0);
         (self.blocks, self.named, self.cause) = (0, false, None);
     }
 
-    /// Begins the inquest: the plant may have changed from θ̄ of this block, whose covariance is
+    /// Begins the search: the plant may have changed from θ̄ of this block, whose covariance is
     /// the one published last.
     pub fn begin(&mut self, groups: &mut [GroupState]) {
         if self.blocks >= SURE {

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """Checks the structure of src/: no cycle between files, no import from a lower layer of an upper one,
-no file much beyond 500 lines, no prose in comments beyond column 100.
+no file much beyond 500 lines, no prose in comments beyond column 100. Also checks the names of tests.
 
 Reads the paths `crate::…`, `super::…` and `self::…` of each file, outside its unit tests and comments,
 and finds the file that defines each name, through re-exports (`pub use`). Re-exports themselves are
@@ -31,6 +31,10 @@ SOURCE = pathlib.Path(__file__).resolve().parent.parent / "src"
 
 # Lines of a file that is part of the product, and columns of a comment.
 LINES, COLUMNS = 550, 100
+
+# Kinds of evidence, see CONTRIBUTING.md, and where there are tests.
+KINDS = ("regress_", "val_", "prop_", "ident_", "fault_", "replay_", "rt_", "e2e_")
+TESTS = ("src", "tests", "gateway", "clients")
 
 
 def module_of(file):
@@ -167,12 +171,21 @@ def untidy():
                 yield f"src/{file.relative_to(SOURCE)}:{number}: the comment takes {width(line)} columns, {COLUMNS} at most"
 
 
+def misnamed():
+    """Tests whose name does not begin with its kind of evidence; those that must be asked for may have any name."""
+    for folder in TESTS:
+        for file in sorted((SOURCE.parent / folder).rglob("*.rs")):
+            for attributes, test in re.findall(r"#\[test\]((?:\s*#\[[^\]]*\])*)\s*fn (\w+)", file.read_text()):
+                if "#[ignore" not in attributes and not test.startswith(KINDS):
+                    yield f"{file.relative_to(SOURCE.parent)}: {test}: expected a name that begins with one of {', '.join(KINDS)}"
+
+
 def main():
     name = lambda module: "::".join(module) or "lib"
     layer = {folder: floor for floor, folders in enumerate(LAYERS) for folder in folders}
     source = Source()
     edges = source.imports()
-    problems = list(untidy())
+    problems = [*untidy(), *misnamed()]
     for folder in sorted({module[0] for module in source.code if module} - set(layer)):
         problems.append(f"src/{folder} has no layer: add it to LAYERS in .ci/structure.py and to docs/design.md")
     for (lower, upper), names in sorted(edges.items()):

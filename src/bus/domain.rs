@@ -239,7 +239,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_other_than_lower_case_letters_digits_dash_and_underscore_are_refused() {
+    fn fault_names_other_than_lower_case_letters_digits_dash_and_underscore_are_refused() {
         for name in ["", "Default", "a b", "a/b", "ü", &"x".repeat(33), "..", "a\n"] {
             let error = Domain::below(name, None).expect_err("must be refused");
             assert!(error.to_string().contains("[a-z0-9_-]"), "{error}");
@@ -248,7 +248,7 @@ mod tests {
     }
 
     #[test]
-    fn a_root_path_too_long_for_a_socket_is_refused_with_its_length() {
+    fn fault_a_root_path_too_long_for_a_socket_is_refused_with_its_length() {
         let deep = PathBuf::from(format!("/run/{}", "d".repeat(60)));
         let error = Domain::below("default", Some(&deep))
             .expect_err("must be refused")
@@ -268,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn root_and_prefix_follow_from_the_name_and_the_user() {
+    fn prop_root_and_prefix_follow_from_the_name_and_the_user() {
         let domain = Domain::below("left-arm", Some(Path::new("/run/user/1000"))).expect("valid");
         assert_eq!(domain.root(), Path::new("/run/user/1000/thetabus-left-arm"));
         let uid = nix::unistd::geteuid();

@@ -117,7 +117,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_second_holder_is_refused_with_the_first_ones_pid_and_the_lock_ends_with_its_holder() {
+    fn fault_a_second_holder_is_refused_with_the_first_ones_pid_and_the_lock_ends_with_its_holder() {
         let domain = Domain::new(&format!("lock-{}", std::process::id())).expect("valid name");
         let first = RoleLock::acquire(&domain, "arm", Role::Plant).expect("free");
         let error = RoleLock::acquire(&domain, "arm", Role::Plant)

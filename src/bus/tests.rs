@@ -65,7 +65,7 @@ fn receive(subscriber: &mut SampleSubscriber, count: usize) -> Vec<u64> {
 }
 
 #[test]
-fn lockstep_loses_nothing_with_a_consumer_slower_than_its_publisher() {
+fn prop_lockstep_loses_nothing_with_a_consumer_slower_than_its_publisher() {
     let domain = TestDomain::new();
     const COUNT: u64 = 20_000;
     thread::scope(|scope| {
@@ -87,7 +87,7 @@ fn lockstep_loses_nothing_with_a_consumer_slower_than_its_publisher() {
 }
 
 #[test]
-fn lockstep_fills_the_startup_hole_of_a_consumer_that_was_there_before_the_publisher() {
+fn prop_lockstep_fills_the_startup_hole_of_a_consumer_that_was_there_before_the_publisher() {
     let domain = TestDomain::new();
     const COUNT: u64 = 5_000;
     let bus = Bus::join(&domain.0, "arm", "test").expect("join");
@@ -133,7 +133,7 @@ fn lockstep_fills_the_startup_hole_of_a_consumer_that_was_there_before_the_publi
 }
 
 #[test]
-fn lockstep_cuts_off_a_stuck_consumer_once_and_counts_it() {
+fn fault_lockstep_cuts_off_a_stuck_consumer_once_and_counts_it() {
     let domain = TestDomain::new();
     let bus = Bus::join(&domain.0, "arm", "plant").expect("join");
     let mut publisher = SamplePublisher::new(&bus, lockstep(1, 200), never()).expect("publish");
@@ -150,7 +150,7 @@ fn lockstep_cuts_off_a_stuck_consumer_once_and_counts_it() {
 }
 
 #[test]
-fn lockstep_without_consumers_fails_with_robot_domain_and_advice() {
+fn fault_lockstep_without_consumers_fails_with_robot_domain_and_advice() {
     let domain = TestDomain::new();
     let bus = Bus::join(&domain.0, "arm", "plant").expect("join");
     let mut publisher = SamplePublisher::new(&bus, lockstep(2, 50), never()).expect("publish");
@@ -162,7 +162,7 @@ fn lockstep_without_consumers_fails_with_robot_domain_and_advice() {
 }
 
 #[test]
-fn realtime_never_waits_and_the_consumer_keeps_the_newest() {
+fn prop_realtime_never_waits_and_the_consumer_keeps_the_newest() {
     let domain = TestDomain::new();
     let bus = Bus::join(&domain.0, "arm", "plant").expect("join");
     let mut publisher = SamplePublisher::new(&bus, Delivery::Realtime, never()).expect("publish");
@@ -176,7 +176,7 @@ fn realtime_never_waits_and_the_consumer_keeps_the_newest() {
 }
 
 #[test]
-fn the_next_publisher_may_choose_another_delivery_mode_while_a_consumer_stays() {
+fn prop_the_next_publisher_may_choose_another_delivery_mode_while_a_consumer_stays() {
     let domain = TestDomain::new();
     let bus = Bus::join(&domain.0, "arm", "plant").expect("join");
     thread::scope(|scope| {
@@ -201,7 +201,7 @@ fn the_next_publisher_may_choose_another_delivery_mode_while_a_consumer_stays() 
 }
 
 #[test]
-fn samples_in_the_queue_of_a_publisher_that_has_gone_still_arrive() {
+fn prop_samples_in_the_queue_of_a_publisher_that_has_gone_still_arrive() {
     let domain = TestDomain::new();
     let bus = Bus::join(&domain.0, "arm", "plant").expect("join");
     let mut publisher = SamplePublisher::new(&bus, Delivery::Realtime, never()).expect("publish");
@@ -218,7 +218,7 @@ fn samples_in_the_queue_of_a_publisher_that_has_gone_still_arrive() {
 }
 
 #[test]
-fn a_late_joiner_gets_the_last_status_and_no_earlier_one() {
+fn prop_a_late_joiner_gets_the_last_status_and_no_earlier_one() {
     let domain = TestDomain::new();
     let bus = Bus::join(&domain.0, "arm", "identifier").expect("join");
     let mut publisher = Publisher::<Status>::new(&bus).expect("publish");
@@ -232,7 +232,7 @@ fn a_late_joiner_gets_the_last_status_and_no_earlier_one() {
 }
 
 #[test]
-fn domains_and_robots_never_meet() {
+fn prop_domains_and_robots_never_meet() {
     let (left, right) = (TestDomain::new(), TestDomain::new());
     let speaker = Bus::join(&left.0, "arm", "speaker").expect("join");
     let mut publisher = Publisher::<Status>::new(&speaker).expect("publish");
@@ -245,7 +245,7 @@ fn domains_and_robots_never_meet() {
 }
 
 #[test]
-fn a_topic_with_other_messages_is_refused_with_expected_and_found() {
+fn fault_a_topic_with_other_messages_is_refused_with_expected_and_found() {
     let domain = TestDomain::new();
     let bus = Bus::join(&domain.0, "arm", "intruder").expect("join");
     let _intruder = bus.occupy(Topic::Sample).expect("occupy");
@@ -266,7 +266,7 @@ fn a_topic_with_other_messages_is_refused_with_expected_and_found() {
 }
 
 #[test]
-fn a_publisher_of_status_never_waits_for_a_subscriber_that_does_not_listen() {
+fn prop_a_publisher_of_status_never_waits_for_a_subscriber_that_does_not_listen() {
     let domain = TestDomain::new();
     let bus = Bus::join(&domain.0, "arm", "identifier").expect("join");
     let mut publisher = Publisher::<Status>::new(&bus).expect("publish");
@@ -280,7 +280,7 @@ fn a_publisher_of_status_never_waits_for_a_subscriber_that_does_not_listen() {
 }
 
 #[test]
-fn with_receipts_no_message_is_lost_to_a_reader_slower_than_its_publisher() {
+fn prop_with_receipts_no_message_is_lost_to_a_reader_slower_than_its_publisher() {
     let domain = TestDomain::new();
     const COUNT: u64 = 1_000;
     let bus = Bus::join(&domain.0, "arm", "identifier").expect("join");
@@ -312,7 +312,7 @@ fn with_receipts_no_message_is_lost_to_a_reader_slower_than_its_publisher() {
 }
 
 #[test]
-fn a_reader_that_gives_no_receipts_is_waited_for_once() {
+fn fault_a_reader_that_gives_no_receipts_is_waited_for_once() {
     let domain = TestDomain::new();
     let bus = Bus::join(&domain.0, "arm", "identifier").expect("join");
     let mut publisher = Publisher::<Status>::new(&bus).expect("publish");
@@ -327,7 +327,7 @@ fn a_reader_that_gives_no_receipts_is_waited_for_once() {
 }
 
 #[test]
-fn too_little_shared_memory_is_refused_with_the_numbers() {
+fn fault_too_little_shared_memory_is_refused_with_the_numbers() {
     let domain = TestDomain::new();
     let bus = Bus::join(&domain.0, "arm", "plant").expect("join");
     let error = super::memory::check(&bus, Topic::Sample, u64::MAX)

@@ -103,7 +103,7 @@ mod tests {
     }
 
     #[test]
-    fn an_offset_is_measured_by_a_tenth_of_the_largest_signal() {
+    fn prop_an_offset_is_measured_by_a_tenth_of_the_largest_signal() {
         let priors = [ParameterPrior::new(2.0), ParameterPrior::new(0.0)];
         let sizes = learnt(&priors, &[[3.0, 4.0], [1.0, 0.0]]);
         assert!((sizes.of(1, 0.0) - 0.5).abs() < 1e-12);
@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn a_parameter_with_a_start_value_is_measured_by_itself() {
+    fn prop_a_parameter_with_a_start_value_is_measured_by_itself() {
         let priors = [ParameterPrior::new(2.0), ParameterPrior::new(0.0).std(0.1)];
         let sizes = learnt(&priors, &[[3.0, 4.0]]);
         assert_eq!((sizes.of(0, 3.0), sizes.own(0, 3.0)), (3.0, 3.0));
@@ -121,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn without_data_no_size_is_zero() {
+    fn prop_without_data_no_size_is_zero() {
         let sizes = learnt(&[ParameterPrior::new(0.0); 2], &[]);
         assert_eq!(sizes.of(0, 0.0), 1.0);
     }

@@ -293,7 +293,7 @@ fn prop_a_checkpoint_within_a_drift_goes_on() {
 /// What is left over many seeds; `THETABUS_SEEDS` says how many.
 #[test]
 #[ignore = "minutes; prints a table"]
-fn report_dangerous_blocks() {
+fn study_of_dangerous_blocks() {
     let seeds = std::env::var("THETABUS_SEEDS").map_or(2, |seeds| seeds.parse().unwrap());
     let drifts = [
         Drift::Nothing,

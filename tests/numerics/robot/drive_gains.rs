@@ -364,7 +364,7 @@ fn val_recordings_of_a_real_robot_are_named_only_with_a_wrong_gain() {
 /// Prints what is left over many seeds; `THETABUS_SEEDS` says how many.
 #[test]
 #[ignore = "minutes; prints a table"]
-fn report_gains() {
+fn study_of_gains() {
     let seeds = std::env::var("THETABUS_SEEDS").map_or(2, |seeds| seeds.parse().unwrap());
     for urdf in [SIX_AXIS, SEVEN_AXIS] {
         for rest_s in [None, Some(0.5)] {

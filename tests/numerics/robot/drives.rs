@@ -344,7 +344,7 @@ fn prop_a_gain_that_returns_is_forgiven() {
 /// Every fault over machines and seeds; `THETABUS_SEEDS` says how many, `THETABUS_CASE` which ones.
 #[test]
 #[ignore = "minutes; prints a table"]
-fn report_dangerous_blocks_of_broken_drives() {
+fn study_of_dangerous_blocks_of_broken_drives() {
     let seeds = std::env::var("THETABUS_SEEDS").map_or(2, |seeds| seeds.parse().unwrap());
     let only = std::env::var("THETABUS_CASE").ok();
     let mut faults = vec![Fault::Nothing];

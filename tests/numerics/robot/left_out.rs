@@ -274,7 +274,7 @@ fn fault_each_other_term_that_is_left_out_is_named_or_does_no_harm() {
 /// What is left over many seeds; `THETABUS_SEEDS` says how many.
 #[test]
 #[ignore = "minutes; prints a table"]
-fn report_dangerous_blocks() {
+fn study_of_dangerous_blocks() {
     let seeds = std::env::var("THETABUS_SEEDS").map_or(4, |seeds| seeds.parse().unwrap());
     let only = std::env::var("THETABUS_CASE").ok();
     type Machine<'a> = &'a dyn Fn(&mut RobotSimOptions);

@@ -22,10 +22,11 @@ pub struct LogCounts {
     pub first_refused: Option<u64>,
     /// Line of the first irregular row.
     pub first_irregular: Option<u64>,
-    /// Number of pairs of consecutive rows without a gap, and their total time span \[ns\].
-    pub pairs: u64,
-    /// See `pairs`.
-    pub pairs_span_ns: u64,
+    /// Number of sample periods between consecutive rows without a long gap, and their total time
+    /// span \[ns\].
+    pub periods: u64,
+    /// See `periods`.
+    pub periods_span_ns: u64,
     /// Configured sample period \[ns\].
     pub period_ns: u64,
 }
@@ -38,10 +39,10 @@ impl LogCounts {
 
     /// The average period of the rows \[ns\] if it is more than 1 % off the configured one.
     pub fn other_period_ns(&self) -> Option<f64> {
-        let mean_ns = self.pairs_span_ns as f64 / self.pairs as f64;
+        let mean_ns = self.periods_span_ns as f64 / self.periods as f64;
         let off = (mean_ns / self.period_ns as f64 - 1.0).abs();
         // a few rows are not enough; NaN for no rows is not above
-        (self.pairs >= LOOK as u64 / 2 && off > 0.01).then_some(mean_ns)
+        (self.periods >= LOOK as u64 / 2 && off > 0.01).then_some(mean_ns)
     }
 }
 

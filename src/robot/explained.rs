@@ -14,8 +14,9 @@
 //! has a large σ_j, little weight, and would pass for a noisy one.
 //!
 //! The torque hardly changes within a short block, so (3) covers several: T is 20 s. Time at rest
-//! does not count. A wrong model stays wrong after the part of the motion that showed it, so a
-//! joint needs a larger share to count as explained again.
+//! does not count. A torque that does not change at all while the joint moves has a share of 0. A
+//! wrong model stays wrong after the part of the motion that showed it, so a joint needs a larger
+//! share to count as explained again.
 
 use super::recent::RowRing;
 use super::rows::WeakRow;
@@ -72,10 +73,17 @@ impl RecentTorque {
 
     /// (3), for a joint with residuals of this level; `None` while there are too few rows.
     pub fn explained(&self, level: f64, independent: f64) -> Option<f64> {
+        if self.pairs < PAIRS {
+            return None;
+        }
         let spread = self.torque_square - self.torque * self.torque / self.pairs;
+        if spread <= ROUNDING * self.torque_square {
+            // an offset imitates a sensor that hangs, whatever the machine is
+            return Some(0.0);
+        }
         let chance = SURE * level * level * (self.pairs / independent).sqrt();
         let lacking = (self.product - chance).max(0.0); // (2)
-        (self.pairs >= PAIRS && spread > ROUNDING * self.torque_square).then(|| 1.0 - lacking / spread) // (3)
+        Some(1.0 - lacking / spread) // (3)
     }
 
     /// State kept in a checkpoint.

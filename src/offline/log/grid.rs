@@ -7,6 +7,9 @@ use super::row::{Row, RowReader};
 use crate::messages::nanoseconds;
 use std::collections::VecDeque;
 
+/// Longest hole \[sample periods\] that counts in the average period.
+const LONGEST_HOLE: f64 = 10.0;
+
 /// Why a row gives no sample.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Refusal {
@@ -72,9 +75,11 @@ impl Grid {
             return Err(Refusal::OutOfOrder);
         }
         let distance_s = row.t_s - before;
-        if distance_s < 1.5 * self.period_s {
-            counts.pairs += 1;
-            counts.pairs_span_ns += nanoseconds(distance_s);
+        // in whole periods, so that neither lost rows nor uneven time stamps bias the average
+        let periods = (distance_s / self.period_s).round();
+        if periods <= LONGEST_HOLE {
+            counts.periods += periods as u64;
+            counts.periods_span_ns += nanoseconds(distance_s);
         }
         let first = *self.first_t_s.get_or_insert(row.t_s);
         let on_grid = (row.t_s - first) / self.period_s;

@@ -237,6 +237,22 @@ fn fault_irregular_times_are_used_and_counted_and_another_period_is_refused() {
     );
 }
 
+/// Steps of 0.7 and 1.3 ms, and stamps 0.4 ms off at random, of samples every ms; then samples
+/// every 1.02 ms of which one in twenty is lost.
+#[test]
+fn prop_the_average_period_is_that_of_the_machine_whatever_the_stamps() {
+    let random = |k: u64| (k.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 40) as f64 / (1u64 << 24) as f64 - 0.5;
+    let log = |t_ms: &dyn Fn(u64) -> f64, lost: u64| {
+        let rows = (0..4_000u64).filter(|k| k % lost != lost - 1);
+        rows.fold("t,x,u\n".to_owned(), |text, k| format!("{text}{:.4},1,0\n", t_ms(k)))
+    };
+    let mean = |text: &str| read(text, true).unwrap().1.other_period_ns();
+    assert_eq!(mean(&log(&|k| k as f64 + 0.3 * (k % 2) as f64, u64::MAX)), None);
+    assert_eq!(mean(&log(&|k| k as f64 + 0.8 * random(k), u64::MAX)), None);
+    let slow = mean(&log(&|k| 1.02 * k as f64, 20)).expect("2 % off");
+    assert!((slow / 1.02e6 - 1.0).abs() < 1e-3, "{slow}");
+}
+
 #[test]
 fn fault_a_log_that_is_none_is_refused_with_what_is_missing() {
     let error = read("a,b\n1,2\n", true).err().unwrap().to_string();

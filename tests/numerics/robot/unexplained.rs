@@ -44,7 +44,12 @@ fn moves(seed: u64, noise: f64) -> Vec<RobotSample> {
 #[test]
 fn fault_nothing_is_used_while_a_joint_is_not_explained() {
     type Change = fn(&mut RobotSample);
-    let cases: [(&str, Change, &str); 3] = [
+    let cases: [(&str, Change, &str); 4] = [
+        (
+            "torque that hangs",
+            |s| s.tau[1] = 0.3,
+            "the model explains little of joint 2's",
+        ),
         ("sign of a torque", |s| s.tau[2] *= -1.0, ""),
         (
             "sign of a position",

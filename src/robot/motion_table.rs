@@ -96,20 +96,22 @@ impl MotionTable {
         let (_, header) = lines.next().unwrap_or((0, ""));
         split(header, &mut fields);
         let names: Vec<String> = fields.iter().map(|name| name.trim_matches('"').to_owned()).collect();
-        let column = |wanted: &dyn Fn(&str) -> bool, name: &str| {
-            names.iter().position(|x| wanted(x)).ok_or_else(|| LogError {
-                line: Some(1),
-                problem: format!("expected the columns {TIME}, q1_rad or q1_m, …, q{joints}_rad, got none for {name}"),
-            })
+        let expected = |got: String| LogError {
+            line: Some(1),
+            problem: format!("expected the columns {TIME}, q1_rad or q1_m, …, q{joints}_rad, got {got}"),
         };
-        let time = column(&|x| x == TIME, TIME)?;
+        let column = |name: &str| names.iter().position(|x| x == name);
+        let position_of = |joint: usize| {
+            let mut endings = ["", "_rad", "_m"].into_iter();
+            endings.find_map(|ending| column(&format!("q{joint}{ending}")))
+        };
+        let time = column(TIME).ok_or_else(|| expected(format!("none for {TIME}")))?;
         let mut positions = Vec::with_capacity(joints);
         for joint in 1..=joints {
-            let name = format!("q{joint}");
-            positions.push(column(
-                &|x| x == name || x == format!("{name}_rad") || x == format!("{name}_m"),
-                &name,
-            )?);
+            positions.push(position_of(joint).ok_or_else(|| expected(format!("none for q{joint}")))?);
+        }
+        if let Some(further) = position_of(joints + 1) {
+            return Err(expected(format!("also {}, of another robot?", names[further])));
         }
         let (mut t_s, mut q) = (Vec::new(), Vec::new());
         for (index, line) in lines {
@@ -316,6 +318,10 @@ mod tests {
         for (text, said) in [
             ("", "expected the columns t_s"),
             ("t_s,q1_rad\n0,0\n1,0\n2,0\n", "got none for q2"),
+            (
+                "t_s,q1_rad,q2_m,q3_m\n0,0,0,0\n1,0,0,0\n2,0,0,0\n",
+                "also q3_m, of another",
+            ),
             ("t_s,q1_rad,q2_m\n0,0,0\n1,x,0\n2,0,0\n", "line 3: column 2"),
             ("t_s,q1_rad,q2_m\n0,0,0\n1,0,0\n1,0,0\n", "expected a time after 1 s"),
             ("t_s;q1;q2\n0;0;0\n1;0;0\n", "3 instants or more"),

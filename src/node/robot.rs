@@ -94,6 +94,7 @@ impl Learner for RobotLearner {
             estimate,
             change_ns: explained.map(|change| (change.t_s.max(0.0) * 1e9) as u64),
             error: robot_evidence::clipped(&self.robot, end.last_seq)
+                .or_else(|| robot_evidence::wrong_velocities(&self.robot, end.last_seq))
                 .or_else(|| {
                     let left_out = robot_evidence::left_out(&self.robot, end.last_seq);
                     left_out.filter(|_| !self.robot.is_sign_likelier() && !self.robot.is_gain_likelier())

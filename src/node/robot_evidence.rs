@@ -107,6 +107,7 @@ fn fill(report: &mut Report, robot: &RobotIdentifier, learnt: bool, changed_befo
     report.excitation.copy_from_slice(&figures.excitation);
     let unfit = unexplained || figures.fit_probability < crate::estimator::MISFIT;
     let refuted = robot.clipped().is_some()
+        || robot.wrong_velocities().is_some()
         || robot.impossible().is_some()
         || robot.unexplained().is_some()
         || robot.wrong_gain().is_some()
@@ -198,6 +199,18 @@ pub(super) fn wrong_gain(robot: &RobotIdentifier, seq: u64) -> Option<LastError>
 /// A gravity or a zero that contradicts the URDF, in words.
 pub(super) fn contradiction(robot: &RobotIdentifier, seq: u64) -> Option<LastError> {
     Some(misfit(format_args!("{}", robot.contradiction()?), seq))
+}
+
+/// Velocities that are not the rate of change of the positions, in words.
+pub(super) fn wrong_velocities(robot: &RobotIdentifier, seq: u64) -> Option<LastError> {
+    let (joint, ratio) = robot.wrong_velocities()?;
+    Some(misfit(
+        format_args!(
+            "velocities of joint {} are {ratio:.3} times the rate of change of its positions: check units and sources of both",
+            joint + 1
+        ),
+        seq,
+    ))
 }
 
 /// A clipped torque, in words.

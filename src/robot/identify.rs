@@ -49,6 +49,7 @@ use super::state::RobotSample;
 use super::sums::JointSums;
 use super::torque_counts::TorqueCounts;
 use super::urdf_prior::UrdfPrior;
+use super::velocity_ratio::VelocityRatios;
 use super::watch_room::Watch;
 
 /// Number of blocks in (3).
@@ -129,6 +130,7 @@ pub struct RobotIdentifier {
     pub(super) change: Option<RobotChange>,
     pub(super) figures: BlockFigures,
     pub(super) recent_rows: RecentRows,
+    pub(super) velocity_ratios: VelocityRatios,
     pub(super) urdf_prior: Option<UrdfPrior>,
     pub(super) impossibles: Impossibles,
     pub(super) gains: Option<DriveGains>,
@@ -207,6 +209,7 @@ impl RobotIdentifier {
             levels: LevelRing::new((SLICES as f64 * SLICE_S / options.block_s).ceil() as usize + 1),
             change: None,
             figures: BlockFigures::new(parameters.len(), n),
+            velocity_ratios: VelocityRatios::default(),
             recent_rows: RecentRows::new(&options.windows, options.block_s, &columns),
             drift: FrictionDrift::new(arm),
             counts: TorqueCounts::new(arm),
@@ -251,6 +254,7 @@ impl RobotIdentifier {
         self.offset_drift.reset();
         self.counts.reset();
         self.recent_rows.lacking.fill(false);
+        self.velocity_ratios = VelocityRatios::default();
         self.impossibles.clear();
         self.gains.iter_mut().for_each(DriveGains::reset);
         self.urdf_prior.iter_mut().for_each(|prior| prior.found = None);
@@ -352,6 +356,8 @@ impl RobotIdentifier {
             slice[row.joint].add_bias(&mut |bias| row.errors.bias(wide, row.joint, of_mass, bias));
         })?;
         self.counts.take(&self.model, sample, self.options.windows.length_s);
+        let max_gap_s = self.options.windows.max_gap_s;
+        self.velocity_ratios.take(self.model.robot(), sample, max_gap_s);
         if self.jumps.take(self.model.robot(), sample) {
             self.inquire_after_jump();
         }
@@ -369,6 +375,7 @@ impl RobotIdentifier {
     pub fn end_of_recording(&mut self) -> bool {
         self.rows.restart();
         self.jumps.restart();
+        self.velocity_ratios.restart();
         self.block_end = None;
         let closed = self.close_block();
         self.recent_rows.clear();
@@ -381,6 +388,7 @@ impl RobotIdentifier {
         self.rows.restart();
         self.recent_rows.clear();
         self.jumps.restart();
+        self.velocity_ratios.restart();
         self.slice.iter_mut().for_each(JointSums::clear);
         self.block.iter_mut().for_each(JointSums::clear);
         self.pending.drop_newest(self.block_slices);
@@ -400,6 +408,7 @@ impl RobotIdentifier {
         self.rows.restart();
         self.recent_rows.clear();
         self.jumps.restart();
+        self.velocity_ratios.restart();
         self.commit_pending(self.pending.len());
         self.ring.clear();
         (self.slice_end, self.block_slices) = (None, 0);

@@ -1,8 +1,7 @@
 //! Finds probable mistakes in a robot's log as configured, and in its identification.
 //!
 //! ```text
-//! v̄ = ∫ q̇ dt / T,   d = Δq / T over pieces of some T = 0.1 s:   v̄ ≈ k d,   k = Σ v̄ d / Σ d²        (1)
-//! P_j = Σ f_j q̇_j ≥ 0 for every machine, f_j: friction torque of joint j without its offset        (2)
+//! P_j = Σ f_j q̇_j ≥ 0 for every machine, f_j: friction torque of joint j without its offset        (1)
 //! ```
 //!
 //! Nothing here changes a number or refuses a log: suspicions are only reported, and the user, who
@@ -15,10 +14,11 @@ use super::identify::RobotIdentifier;
 use super::impossible_room::Impossible;
 use super::model::RobotModel;
 use super::state::{FilteredSample, RobotSample};
-use super::suspicion::{RATIO, RobotSuspicion};
+use super::suspicion::RobotSuspicion;
 use super::tree::RobotJoint;
+use super::velocity_ratio::{PIECES, VelocityRatio, wraps};
 use crate::model::MAX_JOINTS;
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::PI;
 
 /// Turning joints without limits seldom turn further \[rad\].
 const FARTHEST_RAD: f64 = 4.0 * PI;
@@ -26,16 +26,8 @@ const FARTHEST_RAD: f64 = 4.0 * PI;
 const FASTEST_RAD_PER_S: f64 = 4.0 * PI;
 /// Share of its range by which a joint may exceed a limit without suspicion.
 const BEYOND: f64 = 0.5;
-/// Steps between samples of this share of a turn are wraps, not motion.
-const WRAP: std::ops::Range<f64> = 0.9..1.1;
 /// Samples are seldom further apart \[s\].
 const LONGEST_STEP_S: f64 = 0.5;
-/// T of (1) \[s\].
-const PIECE_S: f64 = 0.1;
-/// Slower pieces are ignored \[rad/s or m/s\].
-const SLOWEST: f64 = 0.02;
-/// Smallest number of pieces.
-const PIECES: usize = 10;
 /// Standard deviations beyond which a wrong sign is reported.
 const SURE: f64 = 5.0;
 /// Residual above which a joint is suspicious \[%\]; the last joint of a real robot has 40 to 56 %.
@@ -65,12 +57,15 @@ pub fn judge_robot_log(model: &RobotModel, log: &[RobotSample], max_gap_s: f64) 
     for (joint, own) in model.robot().joints.iter().enumerate() {
         let turns = own.turns;
         found.extend(judge_positions(own, joint, log));
-        let wraps = turns && wraps(log, joint);
+        let wraps = turns && log.windows(2).any(|pair| wraps(pair[0].q[joint], pair[1].q[joint]));
         if wraps {
             found.push(RobotSuspicion::Wraps { joint });
         }
-        let rate = Rate::of(log, joint, max_gap_s, turns);
-        let factor = rate.factor().filter(|_| !wraps);
+        let mut rate = VelocityRatio::default();
+        for sample in log {
+            rate.take((sample.t_s, sample.q[joint], sample.dq[joint]), max_gap_s, turns);
+        }
+        let factor = rate.wrong().filter(|_| !wraps);
         if let Some(factor) = factor {
             found.push(RobotSuspicion::Rate { joint, turns, factor });
         }
@@ -112,6 +107,12 @@ fn clipped(joint: usize, rest_speed: f64, log: &[RobotSample]) -> Option<RobotSu
 }
 
 impl RobotIdentifier {
+    /// The first joint whose measured velocities are not the rate of change of its positions, and
+    /// their ratio.
+    pub fn wrong_velocities(&self) -> Option<(usize, f64)> {
+        self.velocity_ratios.wrong()
+    }
+
     /// The first joint whose torque is clipped while it moves, with the limit \[N m or N\].
     pub fn clipped(&self) -> Option<(usize, f64)> {
         (0..self.model.robot().len()).find_map(|joint| Some((joint, self.rows.clipped(joint)?.0)))
@@ -210,70 +211,11 @@ fn judge_positions(own: &RobotJoint, joint: usize, log: &[RobotSample]) -> Optio
     })
 }
 
-fn jumps_a_turn(before: f64, after: f64) -> bool {
-    WRAP.contains(&((after - before).abs() / TAU))
-}
-
-fn wraps(log: &[RobotSample], joint: usize) -> bool {
-    log.windows(2)
-        .any(|pair| jumps_a_turn(pair[0].q[joint], pair[1].q[joint]))
-}
-
-/// Sums of (1).
-#[derive(Default)]
-struct Rate {
-    /// Pieces in which the position moves.
-    count: usize,
-    /// Pieces with a high velocity signal.
-    fast: usize,
-    dd: f64,
-    vd: f64,
-    vv: f64,
-}
-
-impl Rate {
-    fn of(log: &[RobotSample], joint: usize, max_gap_s: f64, turns: bool) -> Self {
-        let mut sums = Self::default();
-        let (mut start, mut way) = (0, 0.0);
-        for (at, pair) in log.windows(2).enumerate() {
-            let step_s = pair[1].t_s - pair[0].t_s;
-            if step_s > max_gap_s || (turns && jumps_a_turn(pair[0].q[joint], pair[1].q[joint])) {
-                (start, way) = (at + 1, 0.0);
-                continue;
-            }
-            way += 0.5 * step_s * (pair[0].dq[joint] + pair[1].dq[joint]);
-            let span_s = pair[1].t_s - log[start].t_s;
-            if span_s < PIECE_S {
-                continue;
-            }
-            let (v, d) = (way / span_s, (pair[1].q[joint] - log[start].q[joint]) / span_s);
-            if d.abs() > SLOWEST {
-                sums.count += 1;
-                (sums.dd, sums.vd, sums.vv) = (sums.dd + d * d, sums.vd + v * d, sums.vv + v * v);
-            }
-            sums.fast += usize::from(v.abs() > 5.0 * SLOWEST);
-            (start, way) = (at + 1, 0.0);
-        }
-        sums
-    }
-
-    /// k if it is significantly outside its expected range.
-    fn factor(&self) -> Option<f64> {
-        if self.count < PIECES {
-            return None;
-        }
-        let k = self.vd / self.dd; // (1)
-        let misfit = (self.vv - self.vd * k).max(0.0) / (self.count - 1) as f64;
-        let margin = SURE * (misfit / self.dd).sqrt();
-        (k + margin < RATIO.start || k - margin > RATIO.end).then_some(k)
-    }
-}
-
 /// Sums over samples, per joint.
 #[derive(Default)]
 struct Motion {
     samples: usize,
-    /// (2).
+    /// (1).
     power: [f64; MAX_JOINTS],
     /// Σ f_j² and Σ τ_j².
     friction: [f64; MAX_JOINTS],
@@ -305,7 +247,7 @@ impl Motion {
             model.torques(&frictionless, state, &mut without[..n]);
             for (joint, own) in model.friction().iter().enumerate() {
                 let (friction, torque) = (with[joint] - without[joint], state.tau[joint]);
-                sums.power[joint] += friction * state.dq[joint]; // (2)
+                sums.power[joint] += friction * state.dq[joint]; // (1)
                 sums.friction[joint] += friction.powi(2);
                 sums.torque[joint] += torque.powi(2);
                 if state.dq[joint].abs() > own.rest_speed {
@@ -318,7 +260,7 @@ impl Motion {
         sums
     }
 
-    /// True if a joint contradicts (2), unless its friction hardly counts.
+    /// True if a joint contradicts (1), unless its friction hardly counts.
     fn friction_drives(&self, joint: usize) -> bool {
         self.power[joint] < 0.0 && self.friction[joint] > LEAST_FRICTION.powi(2) * self.torque[joint]
     }

@@ -43,7 +43,7 @@
 //! | `inquiry`, `gain_columns`, `jump` | whether a drive's gain or an encoder's zero has changed |
 //! | `standard`, `urdf_writer` | physically possible bodies from base parameters; written into the URDF |
 //! | `calibration` | gains of the drives from a known load |
-//! | `velocity` | velocities from positions |
+//! | `velocity`, `velocity_ratio` | velocities from positions; whether measured ones belong to the positions |
 //! | `reference`, `simulator` | motions within limits; a simulated robot in closed loop |
 //! | `motion_table`, `prediction`, `excitation` | a motion as a table; its expected information; informative motions |
 //! | `log`, `fit`, `judge`, `suspicion` | logs in columns; measured and predicted torque; probable mistakes in a log |
@@ -111,6 +111,7 @@ mod urdf_prior;
 mod urdf_writer;
 mod velocity;
 mod velocity_noise;
+mod velocity_ratio;
 mod watch;
 mod watch_room;
 mod window_review;

@@ -79,6 +79,7 @@ impl RobotIdentifier {
         v.reals(&mut self.inflation);
         self.offset_drift.visit(v);
         v.reals(&mut self.figures.explained);
+        self.velocity_ratios.0.iter_mut().for_each(|ratio| ratio.visit(v));
         for recent in &mut self.figures.recent {
             recent.visit(v);
         }

@@ -8,8 +8,6 @@ use super::urdf_prior::UrdfContradiction;
 use std::f64::consts::{PI, TAU};
 use std::fmt;
 
-/// Expected ratio of velocities to the rate of change of positions.
-pub(super) const RATIO: std::ops::Range<f64> = 0.97..1.03;
 /// Ratios that are taken for an error of units or sign alone.
 const FACTOR: std::ops::Range<f64> = 0.8..1.25;
 

@@ -24,6 +24,8 @@ pub(super) enum Refusal {
 pub(super) struct Grid {
     period_s: f64,
     first_t_s: Option<f64>,
+    /// Time of the last row in order, whether it was used or is a duplicate.
+    row_s: f64,
     /// Time and `seq` of the last row that was used.
     pub last: Option<(f64, u64)>,
 }
@@ -33,6 +35,7 @@ impl Grid {
         Self {
             period_s,
             first_t_s: None,
+            row_s: f64::NEG_INFINITY,
             last: None,
         }
     }
@@ -74,10 +77,11 @@ impl Grid {
         if 2 * overtaken > all {
             return Err(Refusal::OutOfOrder);
         }
-        let distance_s = row.t_s - before;
+        let distance_s = row.t_s - self.row_s;
+        self.row_s = row.t_s;
         // in whole periods, so that neither lost rows nor uneven time stamps bias the average
         let periods = (distance_s / self.period_s).round();
-        if periods <= LONGEST_HOLE {
+        if (0.0..=LONGEST_HOLE).contains(&periods) && distance_s >= 0.0 {
             counts.periods += periods as u64;
             counts.periods_span_ns += nanoseconds(distance_s);
         }

@@ -34,7 +34,7 @@ pub enum Change {
         /// The state; `None` for the start.
         state: Option<Box<NodeState>>,
     },
-    /// Change the tunables; see [`BlockEstimator::retune`].
+    /// Change the tunables; see [`BlockEstimator::exchange_tunables`].
     Tune {
         /// With the new tunables.
         options: Box<EstimatorOptions>,

@@ -356,6 +356,7 @@ pub(super) fn columns(section: &LogForm, n: usize, check: &mut Check<'_>) -> Opt
     (check.problems.len() == before).then_some(columns)
 }
 
+/// A column that the section names for two purposes.
 fn named_twice(columns: &LogColumns) -> Option<usize> {
     let signals = [&columns.position, &columns.velocity, &columns.input];
     let mut all: Vec<usize> = signals.into_iter().flatten().copied().chain([columns.time]).collect();

@@ -94,8 +94,8 @@ impl BlockEstimator {
         &self.theta
     }
 
-    /// True while the cause of the last change is sought: the next rows should then have columns
-    /// for all errors that can arise while a machine runs.
+    /// True while the cause of the last change is sought: the next rows should then have columns of
+    /// the encoders' scales, too.
     pub fn inquires(&self) -> bool {
         self.groups.cause_search.is_open(&self.groups)
     }
@@ -292,7 +292,7 @@ impl BlockEstimator {
     fn learn(&mut self, rows: &dyn Summable) -> &Report {
         self.begin(rows);
         // all groups or none: the estimates of all groups must be of the same block
-        if rows.is_empty() || !self.groups.innovate(rows, &self.theta) {
+        if rows.is_empty() || !self.groups.compute_innovation(rows, &self.theta) {
             let held = if rows.is_empty() { Held::Empty } else { Held::NotFinite };
             self.report.hold(held);
             return &self.report;
@@ -415,8 +415,10 @@ impl BlockEstimator {
             if stepped {
                 std::mem::swap(&mut group.at, &mut group.trial);
             }
-            let (configured, excitation) = (group.noise_is_configured(), &group.excitation);
-            group.clusters.end(changed, configured, |i| excitation.share(i));
+            let (noise_is_configured, excitation) = (group.noise_is_configured(), &group.excitation);
+            group
+                .clusters
+                .end(changed, noise_is_configured, |i| excitation.share(i));
             self.score_test.take(k, &group.evidence());
         }
         self.later.copy_from_slice(&self.theta);
@@ -444,10 +446,14 @@ impl BlockEstimator {
         for (k, group) in self.groups.iter_mut().enumerate() {
             let line = lines >> k & 1 == 1;
             for (e, sums) in group.equations.iter().zip(&group.at) {
-                let configured = e.floor > 0.0;
+                let noise_is_configured = e.floor > 0.0;
                 let level = NoiseLevel {
-                    variance: if configured { e.floor * e.floor } else { e.variance },
-                    freedom: if configured { f64::INFINITY } else { e.freedom },
+                    variance: if noise_is_configured {
+                        e.floor * e.floor
+                    } else {
+                        e.variance
+                    },
+                    freedom: if noise_is_configured { f64::INFINITY } else { e.freedom },
                 };
                 let fit = if line {
                     EquationFit::of_line(sums, level)

@@ -57,7 +57,7 @@ pub struct Clusters {
     lag: Vec<f64>,
     lag_variance: Vec<f64>,
     lag_gain: Vec<f64>,
-    configured: bool,
+    noise_is_configured: bool,
 }
 
 impl Clusters {
@@ -75,7 +75,7 @@ impl Clusters {
             lag: zero.clone(),
             lag_variance: zero.clone(),
             lag_gain: zero,
-            configured: true,
+            noise_is_configured: true,
         }
     }
 
@@ -91,7 +91,7 @@ impl Clusters {
         ] {
             v.reals(list);
         }
-        v.flag(&mut self.configured);
+        v.flag(&mut self.noise_is_configured);
     }
 
     /// Forgets the statistics of parameter i.
@@ -127,8 +127,8 @@ impl Clusters {
 
     /// Ends a block. `changed`: the plant changed, so the block is no repeat; `share`: the share of
     /// each parameter's size that it informed on.
-    pub fn end(&mut self, changed: bool, configured: bool, share: impl Fn(usize) -> f64) {
-        self.configured = configured;
+    pub fn end(&mut self, changed: bool, noise_is_configured: bool, share: impl Fn(usize) -> f64) {
+        self.noise_is_configured = noise_is_configured;
         let pending = std::mem::take(&mut self.pending);
         for i in 0..self.moved.len() {
             if changed {
@@ -155,7 +155,7 @@ impl Clusters {
         if self.weight_square[i] <= 0.0 {
             return 1.0;
         }
-        let (chance, enough, agreed) = match self.configured {
+        let (chance, enough, agreed) = match self.noise_is_configured {
             true => (CHANCE, ENOUGH, 0.0),
             false => (CHANCE_LEARNT, ENOUGH_LEARNT, AGREED),
         };
@@ -170,7 +170,7 @@ impl Clusters {
 
     /// b_i: how far the estimate lags behind, 0 if chance explains it.
     pub fn lag(&self, i: usize) -> f64 {
-        let chance = if self.configured { 1.0 } else { self.ratio(i) };
+        let chance = if self.noise_is_configured { 1.0 } else { self.ratio(i) };
         if self.lag_gain[i] > 0.0 && self.lag[i] * self.lag[i] > LAG * LAG * chance * self.lag_variance[i] {
             self.lag[i] / self.lag_gain[i]
         } else {
@@ -201,13 +201,13 @@ mod tests {
     use super::*;
 
     /// One parameter; each block carries as much information as all before it together.
-    fn after(blocks: &[f64], configured: bool) -> Clusters {
+    fn after(blocks: &[f64], noise_is_configured: bool) -> Clusters {
         let mut clusters = Clusters::new(1);
         for c in blocks {
             clusters.begin();
             // b = 1: Var c = b (1 + b) = 2, P = 1
             clusters.add(1.0, c * 2f64.sqrt(), |_| 1.0);
-            clusters.end(false, configured, |_| 1.0);
+            clusters.end(false, noise_is_configured, |_| 1.0);
         }
         clusters
     }

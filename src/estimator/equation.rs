@@ -211,11 +211,11 @@ pub fn mean_variance(equations: &[EquationState], sums: &[Sums]) -> f64 {
 }
 
 /// χ² of the residuals and its degrees of freedom, in units of the specified noise variance if
-/// `configured`, else of the learnt one; and that variance.
-pub fn chi_square(equations: &[EquationState], sums: &[Sums], configured: bool) -> (f64, f64, f64) {
+/// `noise_is_configured`, else of the learnt one; and that variance.
+pub fn chi_square(equations: &[EquationState], sums: &[Sums], noise_is_configured: bool) -> (f64, f64, f64) {
     let (mut misfit, mut freedom, mut unit, mut rows) = (0.0, 0.0, 0.0, 0.0);
     for (e, sums) in equations.iter().zip(sums) {
-        let variance = if configured {
+        let variance = if noise_is_configured {
             e.floor * e.floor
         } else {
             e.variance.max(TINY)

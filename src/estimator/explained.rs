@@ -77,8 +77,8 @@ impl Explained {
         if fit.rows == 0 {
             return;
         }
-        let (rows, configured) = (fit.rows as f64, level.freedom.is_infinite());
-        let (least, known) = match configured {
+        let (rows, noise_is_configured) = (fit.rows as f64, level.freedom.is_infinite());
+        let (least, known) = match noise_is_configured {
             true => (STANDS_OUT, rows * level.variance),
             false => (STANDS_OUT_OF_LEARNT, 0.0),
         };
@@ -88,7 +88,11 @@ impl Explained {
                 ..Self::default()
             };
         } else if self.share < LEAST_EXPLAINED
-            && let Some(variance) = if configured { Some(level.variance) } else { sensors }
+            && let Some(variance) = if noise_is_configured {
+                Some(level.variance)
+            } else {
+                sensors
+            }
         {
             self.average(fit, rows, variance);
         }

@@ -212,7 +212,7 @@ impl GroupState {
     }
 
     /// Computes innovation and sums at θ̄. False if the rows are not finite there.
-    pub fn innovate(&mut self, rows: &dyn Summable, theta: &[f64]) -> bool {
+    pub fn compute_innovation(&mut self, rows: &dyn Summable, theta: &[f64]) -> bool {
         self.equations.iter_mut().for_each(|e| e.loss = Loss::Square);
         let finite = self.evaluate_at(rows, 0..rows.len(), theta);
         for (e, sums) in self.equations.iter_mut().zip(&self.at) {
@@ -494,14 +494,14 @@ impl GroupState {
 
     /// The evidence of the block for terms that the model may lack.
     pub fn evidence(&self) -> GroupEvidence<'_> {
-        let configured = self.noise_is_configured();
-        let (misfit, freedom, variance) = chi_square(&self.equations, &self.at, configured);
+        let noise_is_configured = self.noise_is_configured();
+        let (misfit, freedom, variance) = chi_square(&self.equations, &self.at, noise_is_configured);
         GroupEvidence {
             scores: self.considered.evidence(),
             variance,
             misfit,
             freedom,
-            configured,
+            noise_is_configured,
         }
     }
 

@@ -26,7 +26,7 @@ pub struct GroupEvidence<'a> {
     pub misfit: f64,
     pub freedom: f64,
     /// True if the variance is not learnt from these residuals.
-    pub configured: bool,
+    pub noise_is_configured: bool,
 }
 
 /// Exponentially weighted sums of one term.
@@ -84,7 +84,7 @@ pub struct GroupScores {
     pub misfit: f64,
     pub freedom: f64,
     /// The noise of the last block was specified.
-    pub configured: bool,
+    pub noise_is_configured: bool,
     /// X of (3), and its part that is the scatter ratio.
     pub excess: f64,
     scatter_ratio: f64,
@@ -101,7 +101,7 @@ impl GroupScores {
             information: vec![0.0; room * room],
             misfit: 0.0,
             freedom: 0.0,
-            configured: true,
+            noise_is_configured: true,
             excess: 1.0,
             scatter_ratio: 1.0,
             pending: vec![0.0; room],
@@ -113,7 +113,7 @@ impl GroupScores {
     pub fn reset(&mut self) {
         self.terms.fill(Term::default());
         self.information.fill(0.0);
-        (self.misfit, self.freedom, self.configured) = (0.0, 0.0, true);
+        (self.misfit, self.freedom, self.noise_is_configured) = (0.0, 0.0, true);
     }
 
     /// What goes from block to block.
@@ -122,7 +122,7 @@ impl GroupScores {
         v.reals(&mut self.information);
         v.real(&mut self.misfit);
         v.real(&mut self.freedom);
-        v.flag(&mut self.configured);
+        v.flag(&mut self.noise_is_configured);
     }
 
     /// Begins a block.
@@ -145,7 +145,7 @@ impl GroupScores {
         divide(&mut self.pending_information, information);
         self.misfit += evidence.misfit;
         self.freedom += evidence.freedom;
-        self.configured = evidence.configured;
+        self.noise_is_configured = evidence.noise_is_configured;
     }
 
     /// (1).

@@ -57,7 +57,8 @@ const REPEATED_BELIEVED: f64 = 2.0;
 /// of the two is there has been shown already, so this only chooses the name.
 const BESIDE: f64 = 3.5;
 /// A term with a prior is named only if its amplitude is known to within this many standard
-/// deviations of the prior. A column that could show no smaller error is mostly noise.
+/// deviations of the prior. If its column cannot show an error of the usual size, it is mostly
+/// noise.
 const KNOWN: f64 = 3.5;
 /// χ² per row below which nothing is named: R is then too large, as while slow motion holds the
 /// rounding error of a position for many samples. Smoothed signals keep a part of their noise
@@ -258,7 +259,7 @@ impl ScoreTest {
         let judged = self.judge(suspect);
         judged.map_or(0.0, |j| {
             // if the noise was specified, the first block alone may count
-            let one = j.repeated > REPEATED_BELIEVED || j.configured && j.blocks < ENOUGH;
+            let one = j.repeated > REPEATED_BELIEVED || j.noise_is_configured && j.blocks < ENOUGH;
             match j.suspicion.deviations > BELIEVED && one && j.counts() {
                 true => j.suspicion.amplitude.abs(),
                 false => 0.0,
@@ -276,22 +277,22 @@ impl ScoreTest {
         }
         let amplitude = score / information;
         let (mut scatter, mut explained, mut misfit, mut level) = (0.0, 0.0, 0.0, 0.0);
-        let (mut blocks, mut configured) = (0.0_f64, true);
+        let (mut blocks, mut noise_is_configured) = (0.0_f64, true);
         for group in informed() {
             let (term, x) = (&group.terms[suspect], group.excess_with(suspect));
             scatter += term.scatter(amplitude).max(1e-12 * term.score_square) / (x * x);
             explained += amplitude * (2.0 * term.score - amplitude * term.information);
-            misfit += group.misfit - if group.configured { group.freedom } else { 0.0 };
+            misfit += group.misfit - if group.noise_is_configured { group.freedom } else { 0.0 };
             level += term.information / x / information * group.misfit / group.freedom.max(1.0);
             blocks = blocks.max(term.blocks);
-            configured &= group.configured;
+            noise_is_configured &= group.noise_is_configured;
         }
         let judged = Judged {
             explained,
             level,
             blocks,
             repeated: score.abs() / scatter.sqrt(),
-            configured,
+            noise_is_configured,
             suspicion: Suspicion {
                 suspect,
                 drifting: suspect.checked_sub(self.drifts),
@@ -339,7 +340,7 @@ impl ScoreTest {
             level: 1.0,
             blocks: term.blocks,
             repeated: term.score.abs() / scatter.sqrt(),
-            configured: false,
+            noise_is_configured: false,
             suspicion: Suspicion {
                 suspect,
                 drifting: None,
@@ -359,14 +360,14 @@ mod tests {
     fn evidence<'a>(
         scores: (&'a [f64], &'a [f64], &'a [SummedScore]),
         misfit: f64,
-        configured: bool,
+        noise_is_configured: bool,
     ) -> GroupEvidence<'a> {
         GroupEvidence {
             scores,
             variance: 1.0,
             misfit,
             freedom: 100.0,
-            configured,
+            noise_is_configured,
         }
     }
 

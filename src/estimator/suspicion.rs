@@ -31,7 +31,7 @@ pub(super) struct Judged {
     /// y of `score_test.rs`.
     pub repeated: f64,
     /// The noise of all its rows was specified.
-    pub configured: bool,
+    pub noise_is_configured: bool,
     pub suspicion: Suspicion,
 }
 
@@ -39,7 +39,7 @@ impl Judged {
     /// If the noise level was learnt from the residuals, these contain many effects, so a term that
     /// explains little of them does not count.
     pub fn counts(&self) -> bool {
-        self.configured || self.explains_much()
+        self.noise_is_configured || self.explains_much()
     }
 
     /// True if the term explains a notable share of all χ².

@@ -8,14 +8,15 @@
 //! | A | position | after M samples of standstill the input, smoothed over M/4, moved by a fifth of its largest magnitude and by more than its noise does, or the measured velocity has passed a thousandth of the range of motion, and M samples later it still stands |
 //! | B | input | it was constant for M samples, changed with every sample before, is not at its largest magnitude (a drive at its limit), and the position has moved by 5 % of its range |
 //! | C | both | both were constant for 5 M samples, and the input changed with every sample before |
-//! | E | input | it has been constant since the start of the stream, and the position has swung to and fro four times, each time by more than half its range so far |
 //! | D | position | four in five of its last steps of three counts or more follow a sample in which it stood still |
+//! | E | input | it has been constant since the start of the stream, and the position has turned round four times, each time after more than half its range so far |
 //!
 //! No machine moves as in rule D: the position is read less often than it is reported. Its errors
 //! then are the same for some samples, and look like the motion of another machine.
 //!
-//! A joint held by friction against a growing input also satisfies rule A; therefore M is a
-//! configuration key, and 0 turns the detection off.
+//! A joint held by friction against a growing input also satisfies rule A, and a pendulum that
+//! swings with its drive off from the start rule E, though such data show no parameter. Therefore M
+//! is a configuration key, and 0 turns the detection off.
 
 use crate::model::{JointSample, MAX_JOINTS};
 
@@ -92,8 +93,8 @@ impl Joint {
     };
 }
 
-/// Counts how often a joint swings to and fro, for rule E. A constant input tells nothing of such a
-/// motion: with all other parameters 0, an offset explains it exactly.
+/// Counts how often a joint turns round, for rule E. If the input is constant all along, an offset
+/// explains it exactly, with all other parameters 0.
 #[derive(Debug, Clone, Copy)]
 struct Swings {
     /// False once the input has changed.
@@ -120,18 +121,18 @@ impl Swings {
         upwards: false,
         turns: 0,
     };
-    /// Turns from which on an input is frozen.
+    /// Number of turns after which the input counts as frozen.
     const ENOUGH: u32 = 4;
-    /// Share of the range so far that a swing covers at least.
+    /// Share of the range so far that the joint must cover between two turns.
     const SWING: f64 = 0.5;
-    /// Range of the smoothed position in means of its steps, which noise alone does not reach.
+    /// Noise alone keeps the range of the smoothed position below this many times its mean step.
     const NOISE: f64 = 20.0;
 
     fn end(&mut self) {
         self.open = false;
     }
 
-    /// Takes a position that is `step` away from the one before; true if the joint has swung often
+    /// Takes a position that is `step` away from the one before; true if the joint has turned often
     /// enough.
     #[inline]
     fn take(&mut self, q: f64, step: f64, patience: u64) -> bool {
@@ -233,10 +234,10 @@ impl Joint {
         let q_same = q.to_bits() == self.q.to_bits();
         let u_same = u.to_bits() == self.u.to_bits();
         let was_lively = self.lively > FreezeWatch::LIVELY;
-        let mut swings = false;
+        let mut rule_e = false;
         if u_same {
             self.u_run += 1;
-            swings = self.swings.take(q, (q - self.q).abs(), patience);
+            rule_e = self.swings.take(q, (q - self.q).abs(), patience);
             (self.q_least, self.q_most) = (self.q_least.min(q), self.q_most.max(q));
         } else {
             self.lively += 1e-3 * (1.0 - self.lively);
@@ -272,7 +273,7 @@ impl Joint {
         let rule_b = self.u_run >= patience && was_lively && !at_limit && moved;
         let rule_c = was_lively && self.u_run.min(self.q_run) >= FreezeWatch::STILL * patience;
         let rule_d = self.steps >= FreezeWatch::FEWEST && self.leaps > FreezeWatch::LEAPS;
-        rule_a || rule_b || rule_c || rule_d || swings
+        rule_a || rule_b || rule_c || rule_d || rule_e
     }
 
     /// Counts a step of the position for rule D.

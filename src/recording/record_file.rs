@@ -259,7 +259,8 @@ impl RecordFile {
         loop {
             self.seek(from)?;
             let left = self.length - from;
-            self.fill(left.min(1 << 20), &mut window)?;
+            let wanted = left.min(1 << 20);
+            self.fill(wanted, &mut window)?;
             let place = |at: usize| from + at as u64;
             let found = window
                 .windows(LZ4_NAME.len())
@@ -272,7 +273,7 @@ impl RecordFile {
                 return self.seek(place(at));
             }
             // The last window, or a file that has become shorter meanwhile.
-            if (window.len() as u64) < left.min(1 << 20) || window.len() as u64 == left {
+            if (window.len() as u64) < wanted || wanted == left {
                 loss.bytes += self.length - failed_at;
                 return self.seek(self.length);
             }

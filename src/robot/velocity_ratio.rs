@@ -5,9 +5,10 @@
 //! k′ = Σ v² / Σ v d                                                                              (2)
 //! ```
 //!
-//! Viscous friction and every inertia follow a wrong unit or scale of the velocities, and leave no
-//! residual. Noise of the positions makes k smaller and noise of the velocities makes k′ larger, so
-//! a ratio is wrong only if both say so. Of the last pieces, about a thousand count.
+//! If the velocities have a wrong unit or scale, viscous friction and inertias are wrong by as
+//! much, and no residual shows it. Noise of the positions makes k smaller and noise of the
+//! velocities makes k′ larger, so a ratio is wrong only if both say so. Of the last pieces, about a
+//! thousand count.
 
 use super::state::RobotSample;
 use super::tree::Robot;
@@ -25,7 +26,7 @@ pub(super) const PIECES: f64 = 10.0;
 const KEPT: f64 = 0.999;
 /// Expected ratio.
 const RIGHT: std::ops::Range<f64> = 0.97..1.03;
-/// Standard deviations by which k and k′ must be outside it.
+/// k and k′ must be outside it by this many standard deviations of k.
 const SURE: f64 = 5.0;
 /// Steps between samples of this share of a turn are wraps, not motion.
 const WRAP: std::ops::Range<f64> = 0.9..1.1;
@@ -64,15 +65,7 @@ impl VelocityRatio {
             return;
         }
         let (v, d) = (self.way / span_s, (q - start_q) / span_s);
-        for sum in [
-            &mut self.count,
-            &mut self.fast,
-            &mut self.dd,
-            &mut self.vd,
-            &mut self.vv,
-        ] {
-            *sum *= KEPT;
-        }
+        self.sums().into_iter().for_each(|sum| *sum *= KEPT);
         if d.abs() > SLOWEST {
             self.count += 1.0;
             (self.dd, self.vd, self.vv) = (self.dd + d * d, self.vd + v * d, self.vv + v * v);
@@ -102,15 +95,17 @@ impl VelocityRatio {
 
     /// State kept in a checkpoint.
     pub fn visit(&mut self, v: &mut impl Visit) {
-        for sum in [
+        self.sums().into_iter().for_each(|sum| v.real(sum));
+    }
+
+    fn sums(&mut self) -> [&mut f64; 5] {
+        [
             &mut self.count,
             &mut self.fast,
             &mut self.dd,
             &mut self.vd,
             &mut self.vv,
-        ] {
-            v.real(sum);
-        }
+        ]
     }
 }
 

@@ -81,7 +81,7 @@ impl Grid {
         self.row_s = row.t_s;
         // in whole periods, so that neither lost rows nor uneven time stamps bias the average
         let periods = (distance_s / self.period_s).round();
-        if (0.0..=LONGEST_HOLE).contains(&periods) && distance_s >= 0.0 {
+        if distance_s >= 0.0 && periods <= LONGEST_HOLE {
             counts.periods += periods as u64;
             counts.periods_span_ns += nanoseconds(distance_s);
         }
@@ -128,7 +128,7 @@ impl Grid {
         let Some(&median) = steps.get(steps.len() / 2) else {
             return Ok(());
         };
-        // the mean of uneven time stamps is right, and so is the median of a log with a pause
+        // uneven stamps have the right mean, and a log with a pause has the right median
         let mean = steps.iter().sum::<f64>() / steps.len() as f64;
         let is_off = |period_s: f64| (period_s / self.period_s - 1.0).abs() > 0.2;
         if is_off(median) && is_off(mean) {

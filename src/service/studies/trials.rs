@@ -47,7 +47,7 @@ pub fn trial(spec: &Spec, more: &[String]) -> Result<TrialResult, Failure> {
     Ok(result)
 }
 
-/// The status text if it contains `what`: a term "would explain" a misfit, or most of σ is due to
+/// The status text if it contains `what`: a term "would explain" a misfit, or σ covers
 /// "unseen errors".
 fn words(node: &dyn Identifier, what: &str) -> Option<String> {
     let status = node.status();

@@ -50,6 +50,8 @@ fn considered(form: &FileForm, linear: bool) -> Considered {
         offset: section.offset,
         dead_band: section.dead_band,
         spring: section.spring,
+        gain_by_direction: section.gain_by_direction,
+        viscous_by_direction: section.viscous_by_direction,
         inertia: section.inertia,
         viscous: section.viscous,
         friction_in_back_emf: section.friction_in_back_emf,

@@ -79,8 +79,18 @@ static COULOMB: [[Parameter; 2]; 2] = [
 ];
 
 static OFFSETS: [Parameter; 2] = [
-    Parameter::new("offset_1", "V", "constant torque at joint 1, times R1 / km1", 0.0),
-    Parameter::new("offset_2", "V", "constant torque at joint 2, times R2 / km2", 0.0),
+    Parameter::new(
+        "offset_1",
+        "V",
+        "constant torque at joint 1, and half the difference of its Coulomb friction between the directions, times R1 / km1",
+        0.0,
+    ),
+    Parameter::new(
+        "offset_2",
+        "V",
+        "constant torque at joint 2, and half the difference of its Coulomb friction between the directions, times R2 / km2",
+        0.0,
+    ),
 ];
 
 /// The two-joint arm with extra terms; without any it is [`Manipulator`].

@@ -63,14 +63,24 @@ static LINEAR: [Parameter; SERVO_PARAMS] = [
     Parameter::positive("mass", "kg", "everything that moves with the axis", 50.0),
     Parameter::positive("viscous_friction", "N s/m", "friction that grows with speed", 100.0),
     Parameter::positive("coulomb_friction", "N", "friction that does not", 10.0),
-    Parameter::new("offset", "N", "constant force on the axis", 0.0),
+    Parameter::new(
+        "offset",
+        "N",
+        "constant force on the axis, and half the difference of Coulomb friction between the directions",
+        0.0,
+    ),
 ];
 
 static ROTARY: [Parameter; SERVO_PARAMS] = [
     Parameter::positive("mass", "kg m^2", "moment of inertia of everything that moves", 1.0),
     Parameter::positive("viscous_friction", "N m s/rad", "friction that grows with speed", 1.0),
     Parameter::positive("coulomb_friction", "N m", "friction that does not", 1.0),
-    Parameter::new("offset", "N m", "constant torque on the axis", 0.0),
+    Parameter::new(
+        "offset",
+        "N m",
+        "constant torque on the axis, and half the difference of Coulomb friction between the directions",
+        0.0,
+    ),
 ];
 
 /// One servo axis; the gain of its input is known.

@@ -44,8 +44,12 @@ fn explanation(before: &str, suspect: &Suspect, amplitude: f64, what: fmt::Argum
             SuspectKind::InputDelay => write!(words, " ({:.0} us)", 1e6 * amplitude),
             // with two masses of unknown ratio the amplitude gives no frequency; those of a spring
             // and of an inertia have long units
-            SuspectKind::Resonance | SuspectKind::Spring | SuspectKind::Inertia | SuspectKind::Viscous => Ok(()),
-            SuspectKind::Gain | SuspectKind::Scale | SuspectKind::Clock => {
+            SuspectKind::Resonance
+            | SuspectKind::Spring
+            | SuspectKind::Inertia
+            | SuspectKind::Viscous
+            | SuspectKind::ViscousByDirection => Ok(()),
+            SuspectKind::Gain | SuspectKind::GainByDirection | SuspectKind::Scale | SuspectKind::Clock => {
                 write!(words, " ({:+.1} %)", 100.0 * amplitude)
             }
             // one digit, so that the text does not change with every block
@@ -100,6 +104,8 @@ mod tests {
             SuspectKind::Offset,
             SuspectKind::DeadBand,
             SuspectKind::Spring,
+            SuspectKind::GainByDirection,
+            SuspectKind::ViscousByDirection,
             SuspectKind::Inertia,
             SuspectKind::Viscous,
             SuspectKind::Eccentricity,

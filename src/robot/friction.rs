@@ -1,7 +1,7 @@
 //! Friction and other torques that act on a single joint, linear in their parameters.
 //!
 //! ```text
-//! f = f_v q̇ + f_c z + f_0 + c |g| z + f_s z e^−(q̇/v_s)² + f_r w + k q                        (1)
+//! f = f_v q̇ + f_c z + f_0 + c |g| z + f_s z e^−(q̇/v_s)² + f_r w + k q + f_d q̇ |q̇| + f_a |q̇|  (1)
 //! dz/dt = (q̇ − |q̇| z)/δ:     z' = s + (z − s) e^−|Δq|/δ,   s = sign Δq                      (2)
 //! w = ∂z/∂ln δ:               w' = (w + (z − s) |Δq|/δ) e^−|Δq|/δ                             (3)
 //! ```
@@ -19,8 +19,10 @@
 //! windows that are long compared with a reversal this is exact, because only the area under z
 //! matters.
 //!
-//! k is a spring, such as a hose pack or a balancer; its rest position is part of f_0. Few machines
-//! have one, so by default it is not among the terms but tested for.
+//! k is a spring, such as a hose pack or a balancer; its rest position is part of f_0. f_d is drag,
+//! of a fluid or of churned grease, and f_a half the difference of viscous friction between the
+//! directions; that of Coulomb friction is part of f_0. Few machines have these three, so by default
+//! they are not among the terms but tested for.
 //!
 //! Below the rest speed v_r a joint may creep under any torque up to that of friction, which (1)
 //! does not describe, see [`rows`](super::rows). |g| is the joint's gravity load by the URDF's
@@ -49,11 +51,15 @@ pub enum FrictionTerm {
     Reversal,
     /// k q.
     Spring,
+    /// f_d q̇ |q̇|.
+    Drag,
+    /// f_a |q̇|.
+    Asymmetric,
 }
 
 impl FrictionTerm {
     /// Every term with its name in configurations and parameter names.
-    pub const NAMES: [(&'static str, Self); 7] = [
+    pub const NAMES: [(&'static str, Self); 9] = [
         ("viscous", Self::Viscous),
         ("coulomb", Self::Coulomb),
         ("offset", Self::Offset),
@@ -61,7 +67,14 @@ impl FrictionTerm {
         ("stribeck", Self::Stribeck),
         ("reversal", Self::Reversal),
         ("spring", Self::Spring),
+        ("drag", Self::Drag),
+        ("asymmetric", Self::Asymmetric),
     ];
+
+    /// True for what few machines have, and many other effects resemble slightly.
+    pub fn is_rare(self) -> bool {
+        matches!(self, Self::Spring | Self::Drag | Self::Asymmetric)
+    }
 
     /// Its name.
     pub fn name(self) -> &'static str {
@@ -75,8 +88,10 @@ impl FrictionTerm {
     /// SI unit at a revolute (`turns`) or prismatic joint.
     pub fn unit(self, turns: bool) -> &'static str {
         match (self, turns) {
-            (Self::Viscous, true) => "N m s/rad",
-            (Self::Viscous, false) => "N s/m",
+            (Self::Viscous | Self::Asymmetric, true) => "N m s/rad",
+            (Self::Viscous | Self::Asymmetric, false) => "N s/m",
+            (Self::Drag, true) => "N m s^2/rad^2",
+            (Self::Drag, false) => "N s^2/m^2",
             (Self::Load, _) => "1",
             (Self::Spring, true) => "N m/rad",
             (Self::Spring, false) => "N/m",
@@ -90,11 +105,15 @@ impl FrictionTerm {
         match self {
             Self::Viscous => "viscous friction",
             Self::Coulomb => "Coulomb friction",
-            Self::Offset => "constant torque or offset of the sensor",
+            Self::Offset => {
+                "constant torque, offset of the sensor, half the difference of Coulomb friction between the directions"
+            }
             Self::Load => "Coulomb friction per weight that the joint bears",
             Self::Stribeck => "additional friction at low speed",
             Self::Reversal => "Coulomb friction times the relative excess of the travel of a reversal over presliding",
             Self::Spring => "stiffness of a spring, a hose pack or a balancer",
+            Self::Drag => "drag that grows with the square of the speed",
+            Self::Asymmetric => "half the difference of viscous friction between the directions",
         }
     }
 
@@ -108,6 +127,8 @@ impl FrictionTerm {
             Self::Stribeck => "Stribeck friction",
             Self::Reversal => "another travel of reversals (reversal)",
             Self::Spring => "a spring or a hose pack (spring)",
+            Self::Drag => "quadratic drag (drag)",
+            Self::Asymmetric => "asymmetric friction (asymmetric)",
         }
     }
 }
@@ -146,13 +167,13 @@ pub struct JointFriction {
 }
 
 impl Default for JointFriction {
-    /// All terms except the spring; δ = 0.2 mrad, rest below 0.01 rad/s, v_s = 0.1 rad/s. On a
+    /// All terms except spring, drag and asymmetric friction; δ = 0.2 mrad, rest below 0.01 rad/s, v_s = 0.1 rad/s. On a
     /// UR10e, 0.1 to 0.4 mrad and 0.05 to 0.2 rad/s do nearly as well.
     fn default() -> Self {
         Self {
             terms: {
                 let terms = FrictionTerm::NAMES.into_iter().map(|(_, term)| term);
-                terms.filter(|term| *term != FrictionTerm::Spring).collect()
+                terms.filter(|term| !term.is_rare()).collect()
             },
             presliding: 2e-4,
             rest_speed: 0.01,
@@ -216,6 +237,8 @@ impl JointFriction {
                 FrictionTerm::Stribeck => z * (-(dq / self.stribeck_speed).powi(2)).exp(),
                 FrictionTerm::Reversal => engagement.slope,
                 FrictionTerm::Spring => q,
+                FrictionTerm::Drag => dq * dq.abs(),
+                FrictionTerm::Asymmetric => dq.abs(),
             }; // (1)
         }
     }

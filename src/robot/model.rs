@@ -72,7 +72,8 @@ impl Meaningful {
             FrictionTerm::Viscous => Self::NonNegative,
             FrictionTerm::Coulomb => Self::RefutedBelowZero,
             FrictionTerm::Reversal => Self::None,
-            FrictionTerm::Offset | FrictionTerm::Load | FrictionTerm::Stribeck | FrictionTerm::Spring => Self::All,
+            FrictionTerm::Offset | FrictionTerm::Load | FrictionTerm::Stribeck => Self::All,
+            FrictionTerm::Spring | FrictionTerm::Drag | FrictionTerm::Asymmetric => Self::All,
         }
     }
 }
@@ -121,16 +122,14 @@ pub enum Unmodelled {
 }
 
 impl Unmodelled {
-    /// True for a spring and for a delay, which many other effects resemble slightly.
+    /// True for what many other effects resemble slightly: a delay, and friction that few machines
+    /// have.
     pub(super) fn is_one_of_many(self) -> bool {
-        matches!(
-            self,
-            Self::Delay
-                | Self::Friction {
-                    term: FrictionTerm::Spring,
-                    ..
-                }
-        )
+        match self {
+            Self::Friction { term, .. } => term.is_rare(),
+            Self::Delay => true,
+            Self::Zero { .. } | Self::Tilt => false,
+        }
     }
 
     /// True if estimated parameters imitate a small one, so standard deviations always allow for

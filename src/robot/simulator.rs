@@ -2,7 +2,8 @@
 //! a changing payload.
 //!
 //! ```text
-//! M(q) q̈ + … = τ − f,     f_i = f_v q̇ + (f_c + f_s e^−(q̇/v_s)²) z + f_0,     dz/dt = (q̇ − |q̇| z)/δ  (1)
+//! M(q) q̈ + … = τ − f,     f_i = f_v q̇ + (f_c + f_s e^−(q̇/v_s)²) z + f_0 + k q + f_d q̇ |q̇| + f_a |q̇|
+//!                          dz/dt = (q̇ − |q̇| z)/δ                                              (1)
 //! computed torque:  τ = ID(q, q̇, q̈_r + ω² e + 2 ω ė) + Ia (q̈_r + …)                            (2)
 //! PD:               τ = g(q) + M_ii (ω² e + 2 ω ė)                                             (3)
 //! servo:            τ = M_ii (ω² e + 2 ω ė), for feed-forward that supplies weight and inertia (4)
@@ -52,6 +53,10 @@ pub struct SimulatedDrive {
     pub stribeck: f64,
     /// k of a spring with rest position 0 \[N m/rad or N/m\].
     pub spring: f64,
+    /// f_d \[N m s²/rad² or N s²/m²\], ≥ 0.
+    pub drag: f64,
+    /// f_a \[N m s/rad or N s/m\].
+    pub asymmetric: f64,
     /// Inertia of the rotor at the joint \[kg m² or kg\], ≥ 0.
     pub rotor_inertia: f64,
 }
@@ -69,6 +74,8 @@ impl SimulatedDrive {
                 offset: 0.0,
                 stribeck: 0.0,
                 spring: 0.0,
+                drag: 0.0,
+                asymmetric: 0.0,
                 rotor_inertia: 0.002 * effort,
             }
         };
@@ -190,6 +197,8 @@ impl RobotSimOptions {
             within("offset", drive.offset, -1e6, 1e6)?;
             within("Stribeck friction", drive.stribeck, 0.0, 1e6)?;
             within("spring", drive.spring, -1e6, 1e6)?;
+            within("drag", drive.drag, 0.0, 1e6)?;
+            within("asymmetric friction", drive.asymmetric, -1e6, 1e6)?;
             within("rotor_inertia", drive.rotor_inertia, 0.0, 1e6)?;
         }
         for (i, payload) in self.payloads.iter().enumerate() {
@@ -336,6 +345,8 @@ impl RobotSimulator {
                 FrictionTerm::Load => 0.0,
                 FrictionTerm::Stribeck => drive.stribeck,
                 FrictionTerm::Spring => drive.spring,
+                FrictionTerm::Drag => drive.drag,
+                FrictionTerm::Asymmetric => drive.asymmetric,
                 FrictionTerm::Reversal => drive.coulomb * (self.options.presliding / friction.presliding - 1.0),
             }));
         }
@@ -408,6 +419,7 @@ impl RobotSimulator {
             let drive = &self.options.drives[i];
             net[i] = self.tau[i] - drive.viscous * dq[i] - drive.coulomb * self.engagement[i].z - drive.offset; // (1)
             net[i] -= drive.spring * q[i]; // (1)
+            net[i] -= (drive.drag * dq[i] + drive.asymmetric) * dq[i].abs(); // (1)
             if drive.stribeck > 0.0 {
                 let slow = (-(dq[i] / self.friction.stribeck_speed).powi(2)).exp();
                 net[i] -= drive.stribeck * self.engagement[i].z * slow; // (1)

@@ -27,6 +27,13 @@ pub struct Considered {
     /// Spring, such as a cable, at each joint whose model has none: its input at the root mean
     /// square of the travel, as a share of the same size, ≥ 0.
     pub spring: f64,
+    /// Gain of each drive by the sign of its input, half the relative difference, if the joint's
+    /// model has Coulomb friction, ≥ 0.
+    pub gain_by_direction: f64,
+    /// Viscous friction by direction, half the difference, at each joint whose model has Coulomb
+    /// friction: its input at the root mean square of the velocity in the first block that moves,
+    /// as a share of the same size, ≥ 0.
+    pub viscous_by_direction: f64,
     /// Inertia without weight, such as a rotor's, at each joint whose model has no parameter for
     /// it, as a share of the joint's inertia in the model, ≥ 0.
     pub inertia: f64,
@@ -62,6 +69,8 @@ impl Considered {
         offset: 0.0,
         dead_band: 0.0,
         spring: 0.0,
+        gain_by_direction: 0.0,
+        viscous_by_direction: 0.0,
         inertia: 0.0,
         viscous: 0.0,
         friction_in_back_emf: 0.0,
@@ -93,7 +102,8 @@ impl Default for Considered {
     /// The errors of a good installation. Delay: a quarter of the sample period, so that a record
     /// that is one sample late lies within four standard deviations. Gain: 0, because parameters
     /// are in the units that the drive reports. Coulomb friction: 1 % of the input, friction that
-    /// falls with speed: 2 %, offset: 0.1 %. Inertia: 1 % of the joint's. Viscous friction: 0.03 %
+    /// falls with speed: 2 %, offset: 0.1 %. By direction: 0.5 % of the gain, viscous friction of 1 %
+    /// of the input. Inertia: 1 % of the joint's. Viscous friction: 0.03 %
     /// of the input, and 0.5 % within a back EMF. Resonance: 70 Hz. Drift: 0.6 % in a minute. Zero:
     /// 1 mrad, 0.06°. Eccentricity: 0.05 mrad, 10″. With motion that shows an error, σ becomes what
     /// it is without the error; with other motion, σ includes its possible effect.
@@ -106,6 +116,8 @@ impl Default for Considered {
             offset: 1e-3,
             dead_band: 3e-3,
             spring: 1e-2,
+            gain_by_direction: 5e-3,
+            viscous_by_direction: 1e-2,
             inertia: 1e-2,
             viscous: 3e-4,
             friction_in_back_emf: 5e-3,
@@ -136,6 +148,10 @@ pub enum SuspectKind {
     DeadBand,
     /// A spring that the model lacks.
     Spring,
+    /// A drive whose gain differs by the sign of its input.
+    GainByDirection,
+    /// Viscous friction that differs by direction.
+    ViscousByDirection,
     /// An inertia without weight that the model lacks.
     Inertia,
     /// Viscous friction that the model lacks, or takes for a larger back EMF.
@@ -203,6 +219,8 @@ impl Suspect<'_> {
             SuspectKind::Eccentricity => "an encoder off its centre",
             SuspectKind::DeadBand => "a dead band of the drive or backlash",
             SuspectKind::Spring => "a spring or a cable",
+            SuspectKind::GainByDirection => "a drive gain that differs by direction",
+            SuspectKind::ViscousByDirection => "viscous friction that differs by direction",
             SuspectKind::Inertia => "an inertia without weight (rotor, gear)",
             SuspectKind::Viscous => "viscous friction",
             SuspectKind::Resonance => "a resonance",

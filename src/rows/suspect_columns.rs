@@ -13,6 +13,8 @@
 //! | an offset of the input, or a constant force | −s | unit of the input |
 //! | a dead band of the drive, which produces u − a sign u | s ∫ψ sat(u/u₀) | unit of the input |
 //! | a spring, such as a cable | s ∫ψ q | unit of the input per rad or m |
+//! | a drive's gain that differs by the sign of its input | −s ∫ψ abs u | share |
+//! | viscous friction that differs by direction | s ∫ψ abs q̇ | unit of the input per rad/s or m/s |
 //! | an inertia without weight, such as a rotor's | see `through_drive.rs` | unit of the input per rad/s² or m/s² |
 //! | viscous friction | see `through_drive.rs` | unit of the input per rad/s or m/s |
 //! | an encoder off its centre, which reads q + a sin q or q + a cos q | Σ_k ∂f_i/∂q_k sin q_k, or cos q_k | rad |
@@ -21,8 +23,9 @@
 //! | another scale of an encoder: reads q (1 + a) | Σ_k q_k ∂f_i/∂q_k | share |
 //! | a clock that runs fast | none: it is a change of the parameters (`tempo.rs`) | share |
 //!
-//! Friction that falls with speed (R. Stribeck 1902) and a dead band have columns only if the model
-//! has Coulomb friction; otherwise they would be hard to distinguish from Coulomb friction. A
+//! Friction that falls with speed (R. Stribeck 1902), a dead band and what differs by direction have
+//! columns only if the model has Coulomb friction; otherwise they would be hard to distinguish from
+//! Coulomb friction. In a block without both directions, what differs by direction is 0. A
 //! spring has one at any joint whose model has none, because a weight and an inertia look like it.
 //! There are two columns of friction that falls with speed, with v_s of 0.2 and of 0.8 times the
 //! root mean square of the velocity in the first block that moves: together they approximate any
@@ -45,8 +48,8 @@ use super::present_terms::{has_jump, has_term};
 use super::spread::{root_mean_square, standard_deviation};
 use super::suspect::{Considered, Suspect, SuspectKind};
 use super::suspect_places::{
-    CLOCK, COSINE, DEAD_BAND, DELAY, FRICTION, GAIN, INERTIA, OFFSET, RESONANCE, SCALE, SINE, SLOW_FRICTION, SPRING,
-    SuspectPlaces, VISCOUS, ZERO, place,
+    CLOCK, COSINE, DEAD_BAND, DELAY, FRICTION, GAIN, GAIN_BY_DIRECTION, INERTIA, OFFSET, RESONANCE, SCALE, SINE,
+    SLOW_FRICTION, SPRING, SuspectPlaces, VISCOUS, VISCOUS_BY_DIRECTION, ZERO, place,
 };
 use super::tempo::tempo;
 use super::through_drive::ThroughDrive;
@@ -64,6 +67,8 @@ const RANGE: f64 = 400.0;
 const STANDING: f64 = 3.0;
 /// Ratio of the velocity's root mean square to that of its noise above which a joint moves.
 const MOVING: f64 = 20.0;
+/// Share of the sum of squares that either sign needs for a block to have both directions.
+const BOTH: f64 = 0.05;
 /// v_s of the two columns, as shares of the velocity's root mean square.
 const STRIBECK_SPEEDS: [f64; 2] = [0.2, 0.8];
 
@@ -91,6 +96,8 @@ pub(super) struct SuspectColumns {
     frictions: Vec<[Vec<f64>; 2]>,
     /// sat(u/u₀) and q per equation and sample; empty if no column needs them.
     drives: Vec<[Vec<f64>; 2]>,
+    /// |u| and |q̇|; empty without Coulomb friction.
+    sizes_by_direction: Vec<[Vec<f64>; 2]>,
     /// Inertias without weight and viscous friction; `None` if the model has parameters for both.
     through_drives: Vec<Option<ThroughDrive>>,
     /// sin q/σ, cos q/σ and 1/σ per joint and sample, σ the standard deviation of the position;
@@ -141,7 +148,7 @@ impl SuspectColumns {
                 SPRING => of == e && !springs[e],
                 INERTIA => of == e && passes(e, ThroughDrive::has_inertia),
                 VISCOUS => of == e && passes(e, ThroughDrive::has_friction),
-                SLOW_FRICTION | DEAD_BAND => of == e && jumps[e],
+                SLOW_FRICTION | DEAD_BAND | GAIN_BY_DIRECTION | VISCOUS_BY_DIRECTION => of == e && jumps[e],
                 CLOCK => false,
                 SCALE => moves(e, inputs[of]) && first_of(of),
                 SINE | COSINE => turns && moves(e, inputs[of]) && first_of(of),
@@ -171,6 +178,7 @@ impl SuspectColumns {
             drives: (jumps.iter().zip(&springs))
                 .map(|(&jumps, &spring)| [room(jumps), room(!spring)])
                 .collect(),
+            sizes_by_direction: jumps.iter().map(|&jumps| [room(jumps), room(jumps)]).collect(),
             through_drives,
             frictions: jumps.iter().map(|&jumps| [room(true), room(jumps)]).collect(),
             turns: (0..plant.joints())
@@ -232,10 +240,9 @@ impl SuspectColumns {
                 let own = SuspectPlaces::within(suspect).and_then(|(e, _)| self.through_drives[e].as_ref());
                 own.map_or(0.0, |own| self.considered.inertia * own.size())
             }
-            SuspectKind::Viscous => match SuspectPlaces::within(suspect).map_or(0.0, |(e, _)| self.speeds[e]) {
-                0.0 => 0.0,
-                speed => self.considered.viscous * size / speed,
-            },
+            SuspectKind::Viscous => self.considered.viscous * self.per_speed(suspect, size),
+            SuspectKind::GainByDirection => self.considered.gain_by_direction,
+            SuspectKind::ViscousByDirection => self.considered.viscous_by_direction * self.per_speed(suspect, size),
             SuspectKind::Eccentricity => self.considered.eccentricity_rad.unwrap_or(0.0),
             SuspectKind::Resonance => match self.considered.resonance_hz {
                 rigid if !(rigid > 0.0) => 0.0,
@@ -244,6 +251,14 @@ impl SuspectColumns {
             SuspectKind::Zero => self.considered.zero_rad,
             SuspectKind::Scale | SuspectKind::Clock => 0.0,
             SuspectKind::Drift => self.considered.drift_per_s,
+        }
+    }
+
+    /// The size of a joint's input over the speed of the error's equation; 0 before it moved.
+    fn per_speed(&self, suspect: usize, size: f64) -> f64 {
+        match SuspectPlaces::within(suspect).map_or(0.0, |(e, _)| self.speeds[e]) {
+            0.0 => 0.0,
+            speed => size / speed,
         }
     }
 
@@ -319,11 +334,13 @@ impl SuspectColumns {
         let (kind, joint) = (self.places.kind(suspect), self.places.joint(suspect));
         let (unit, largest) = match kind {
             SuspectKind::InputDelay => ("s", 0.1),
-            SuspectKind::Gain | SuspectKind::Scale | SuspectKind::Clock => ("1", 1.0),
+            SuspectKind::Gain | SuspectKind::GainByDirection | SuspectKind::Scale | SuspectKind::Clock => ("1", 1.0),
             SuspectKind::Coulomb | SuspectKind::Stribeck | SuspectKind::Offset | SuspectKind::DeadBand => {
                 (input_unit, joint.map_or(0.0, |joint| self.sizes[joint]))
             }
-            SuspectKind::Spring | SuspectKind::Inertia | SuspectKind::Viscous => ("", f64::INFINITY),
+            SuspectKind::Spring | SuspectKind::Inertia | SuspectKind::Viscous | SuspectKind::ViscousByDirection => {
+                ("", f64::INFINITY)
+            }
             SuspectKind::Eccentricity => ("rad", 0.1),
             SuspectKind::Resonance => ("s^2", f64::INFINITY),
             SuspectKind::Zero => ("rad", 0.5),
@@ -382,6 +399,9 @@ impl SuspectColumns {
             for (spring, q) in spring.iter_mut().zip(&signals.q[joint][..len]) {
                 *spring = *q;
             }
+            let [inputs, speeds] = &mut self.sizes_by_direction[e];
+            fill_with_sizes(inputs, &signals.u[joint][..len]);
+            fill_with_sizes(speeds, &signals.dq[joint][..len]);
             let (dq, q_std) = (&signals.dq[joint][..len], &q_std[joint][..len]);
             let speed = &mut self.speeds[e];
             let (own, noise) = (root_mean_square(dq), self.velocity_gain * root_mean_square(q_std));
@@ -431,14 +451,18 @@ impl SuspectColumns {
         put(own + OFFSET, -scale); // ∫ψ = 1
         let [friction, slow_friction] = &self.frictions[e];
         let [dead_band, spring] = &self.drives[e];
+        let [inputs, speeds] = &self.sizes_by_direction[e];
         let shapes = [
             (FRICTION, friction),
             (SLOW_FRICTION, slow_friction),
             (DEAD_BAND, dead_band),
             (SPRING, spring),
+            (GAIN_BY_DIRECTION, inputs),
+            (VISCOUS_BY_DIRECTION, speeds),
         ];
         for (place, shape) in shapes {
             if let Some(shape) = shape.get(centre - kernels.half..=centre + kernels.half) {
+                let scale = if place == GAIN_BY_DIRECTION { -scale } else { scale };
                 put(own + place, scale * dot(&kernels.position[0], shape));
             }
         }
@@ -508,6 +532,19 @@ impl SuspectColumns {
             &mut white[..rows]
         });
         whitening.apply_all(Direction::Backward, columns);
+    }
+}
+
+/// Writes |x|, or 0 if x does not have both signs. Of a joint that bears a weight, |u| is u or −u
+/// almost always: what the estimated parameters cannot imitate of it is then only noise, which the
+/// residuals share.
+fn fill_with_sizes(out: &mut [f64], x: &[f64]) {
+    let square = |sum: f64, x: &f64| sum + x * x;
+    let all = x.iter().fold(0.0, square);
+    let positive = x.iter().filter(|x| **x > 0.0).fold(0.0, square);
+    let has_both = positive.min(all - positive) > BOTH * all;
+    for (out, x) in out.iter_mut().zip(x) {
+        *out = if has_both { x.abs() } else { 0.0 };
     }
 }
 

@@ -31,6 +31,8 @@ pub(super) const CLOCK: usize = 11;
 pub(super) const INERTIA: usize = 12;
 /// Viscous friction.
 pub(super) const VISCOUS: usize = 13;
+pub(super) const GAIN_BY_DIRECTION: usize = 14;
+pub(super) const VISCOUS_BY_DIRECTION: usize = 15;
 
 /// Place of an equation's error.
 pub(super) const fn place(equation: usize, index: usize) -> usize {
@@ -81,6 +83,8 @@ impl SuspectPlaces {
             SPRING => SuspectKind::Spring,
             INERTIA => SuspectKind::Inertia,
             VISCOUS => SuspectKind::Viscous,
+            GAIN_BY_DIRECTION => SuspectKind::GainByDirection,
+            VISCOUS_BY_DIRECTION => SuspectKind::ViscousByDirection,
             SCALE => SuspectKind::Scale,
             CLOCK => SuspectKind::Clock,
             _ => SuspectKind::Stribeck,

@@ -37,6 +37,8 @@ fn truth(model: &RobotModel, coulomb: f64, sample_period_s: f64, position_std: f
             offset: 0.0,
             stribeck: 0.0,
             spring: 0.0,
+            drag: 0.0,
+            asymmetric: 0.0,
             rotor_inertia: 0.0,
         }],
         presliding: 1e-4,

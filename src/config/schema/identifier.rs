@@ -98,6 +98,10 @@ table! {
             "Dead band of each drive whose joint's model has Coulomb friction: what it gives less, either sign, as a share of the same size";
         spring: f64 = considered.spring, Kind::Real(NOT_NEGATIVE), "",
             "Spring, such as a cable, at each joint whose model has none: its input at the root mean square of the travel, as a share of the same size";
+        gain_by_direction: f64 = considered.gain_by_direction, Kind::Real(NOT_NEGATIVE), "",
+            "Gain of each drive by the sign of its input, half the relative difference, if the joint's model has Coulomb friction";
+        viscous_by_direction: f64 = considered.viscous_by_direction, Kind::Real(NOT_NEGATIVE), "",
+            "Viscous friction by direction, half the difference, at each joint whose model has Coulomb friction: its input at the root mean square of the velocity, as a share of the same size";
         inertia: f64 = considered.inertia, Kind::Real(NOT_NEGATIVE), "",
             "Inertia without weight, such as a rotor's, at each joint whose model has no parameter for it, as a share of the joint's inertia in the model";
         viscous: f64 = considered.viscous, Kind::Real(NOT_NEGATIVE), "",

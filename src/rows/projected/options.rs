@@ -120,6 +120,8 @@ impl ProjectedOptions {
             ("considered.offset", considered.offset),
             ("considered.dead_band", considered.dead_band),
             ("considered.spring", considered.spring),
+            ("considered.gain_by_direction", considered.gain_by_direction),
+            ("considered.viscous_by_direction", considered.viscous_by_direction),
             ("considered.inertia", considered.inertia),
             ("considered.viscous", considered.viscous),
             ("considered.friction_in_back_emf", considered.friction_in_back_emf),

@@ -6,7 +6,7 @@ use crate::robot::{FrictionTerm, RobotModel, Standard};
 use crate::studies::document::{Section, Table, percent, two_digits};
 
 /// Groups of parameters in the tables.
-const GROUPS: [&str; 9] = [
+const GROUPS: [&str; 11] = [
     "bodies",
     "rotor inertia",
     "viscous",
@@ -16,9 +16,11 @@ const GROUPS: [&str; 9] = [
     "load, which is 0",
     "stribeck, which is 0",
     "spring, which is 0",
+    "drag, which is 0",
+    "asymmetric, which is 0",
 ];
 /// Groups whose parameters are 0, so relative bounds do not exist.
-const ZERO: std::ops::Range<usize> = 6..9;
+const ZERO: std::ops::Range<usize> = 6..11;
 
 /// The robot's runs with one motion.
 #[derive(Debug, Clone)]
@@ -48,6 +50,8 @@ fn groups(model: &RobotModel) -> Vec<usize> {
             FrictionTerm::Load => 6,
             FrictionTerm::Stribeck => 7,
             FrictionTerm::Spring => 8,
+            FrictionTerm::Drag => 9,
+            FrictionTerm::Asymmetric => 10,
         }));
     }
     groups

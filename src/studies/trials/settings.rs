@@ -137,7 +137,7 @@ fn start_with(spec: &TrialSpec, further: &[f64]) -> String {
 }
 
 /// Keys of the errors that the identifier considers.
-const ERRORS: [&str; 13] = [
+const ERRORS: [&str; 15] = [
     "input_delay_s",
     "gain",
     "coulomb",
@@ -145,6 +145,8 @@ const ERRORS: [&str; 13] = [
     "offset",
     "dead_band",
     "spring",
+    "gain_by_direction",
+    "viscous_by_direction",
     "inertia",
     "viscous",
     "resonance_hz",

@@ -187,6 +187,40 @@ fn fault_a_spring_that_the_model_leaves_out_makes_nothing_surely_wrong() {
     }
 }
 
+/// Drag of 1 to 3 % of the largest torque at the largest speed, and viscous friction that differs by
+/// 2 % of it between the directions.
+#[test]
+fn fault_drag_and_asymmetric_friction_that_the_model_leaves_out_make_nothing_surely_wrong() {
+    let cases = [
+        (false, 1, 0.03, 0.0),
+        (true, 2, 0.03, 0.0),
+        (false, 3, 0.01, 0.0),
+        (false, 1, 0.0, 0.02),
+        (true, 2, 0.0, 0.02),
+        (false, 3, 0.0, 0.005),
+    ];
+    for (has_rests, seed, drag, asymmetric) in cases {
+        let mut simulation = simulation(has_rests, seed);
+        for (drive, joint) in simulation.drives.iter_mut().zip(robot(SIX_AXIS).joints) {
+            let effort = joint.limits.effort.expect("stated");
+            let speed = joint.limits.velocity.expect("stated");
+            (drive.drag, drive.asymmetric) = (drag * effort / speed.powi(2), asymmetric * effort / speed);
+        }
+        let terms = JointFriction::default().terms;
+        let without = run(&terms, 1e-4, simulation.clone(), 75);
+        println!("rests {has_rests}, seed {seed}, {drag}, {asymmetric}: {without:?}");
+        let with = run(
+            &[&terms[..], &[FrictionTerm::Drag, FrictionTerm::Asymmetric]].concat(),
+            1e-4,
+            simulation,
+            75,
+        );
+        println!("modelled: {with:?}");
+        assert_eq!(without.dangerous, 0, "{without:?}");
+        assert!(with.dangerous == 0 && with.usable > 30, "{with:?}");
+    }
+}
+
 /// The machine with its base tilted about x and y \[degrees\].
 fn tilted(about: [f64; 2]) -> Robot {
     let mut machine = robot(SIX_AXIS);

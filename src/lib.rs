@@ -45,7 +45,7 @@
 //! | [`estimator`] | WRLS (2)–(4), the block recursion (6)–(11) and what lies beyond it | |
 //! | [`messages`] | the bus payloads | |
 //! | [`identify`] | identification in a few lines: a plant, samples in, estimates out | |
-//! | [`control`] | feed-forward from estimates that may be used | |
+//! | [`control`] | feed-forward from estimates with `use_ok` | |
 //! | [`node`] | plant, identifier and monitor as values: messages in, messages out, no I/O, no clock | |
 //! | `sim` | the simulated arm (12)–(23) and servo axis, their sensors and faults | `sim` |
 //! | `config` | TOML files ⇄ validated core types | `config` |
@@ -54,14 +54,14 @@
 //! | `bus` | topics on shared memory, the only place that names iceoryx2 | `bus` |
 //! | `recording` | MCAP and CSV files of a run | `recording` |
 //! | `report` | summary, figures and page of a run | `report` |
-//! | `live` | live views of an identification: a table in the terminal, a page in the browser | `live`, `web` |
+//! | `live` | live views of an identification: a table in the terminal, a page in the browser, a stream for Foxglove | `live`, `web`, `foxglove` |
 //! | `runner`, `service` | the programs: pacing, waiting, publishing, signals | `service` |
 //! | `checkpoint` | the identifier's state, saved for its next start | `service` |
 //! | `studies` | comparisons of estimators and trials of the evidence: the tables in `docs/` | `studies` |
 //! | [`notation`] | every symbol of the paper with its name in the code | |
 //!
-//! `estimator` and `model` import no other module: the estimator sees rows, never a model or the
-//! simulator, so it works for any plant and cannot see the truth.
+//! `estimator` imports no other module: it sees rows, never a model or the simulator, so it works
+//! for any plant and cannot see the truth. `model` imports only a helper for hashes.
 
 #[cfg(feature = "bus")]
 pub mod bus;

@@ -89,7 +89,7 @@ pub enum Knowledge {
     Silent,
 }
 
-/// Computes feed-forward from the newest estimates that may be used. Allocates only in `new`.
+/// Computes feed-forward from the newest estimates that pass (3). Allocates only in `new`.
 #[derive(Debug, Clone)]
 pub struct AdaptiveFeedForward {
     model: SharedModel,

@@ -11,8 +11,8 @@
 //!
 //! U spans the directions that the block excites strongly, in units of the parameters themselves.
 //! With all directions excited `directional` is `exponential`; with none it forgets nothing.
-//! Replacing knowledge good to 0.1 % by a block estimate good to 100 % is a loss, so the threshold
-//! for forgetting a direction is stricter than the one for calling it excited.
+//! Replacing knowledge good to 0.1 % by a block estimate good to 100 % is a loss. So a direction is
+//! forgotten only if the block alone finds it to within 10 %; it counts as excited at 100 %.
 
 use super::bound::{CovarianceBound, Factor, Polynomial, Rational};
 use super::linalg::{Eigen, dot};

@@ -86,11 +86,12 @@ pub struct Report {
     /// Bit i: this block alone finds parameter i to within 10 % of its size (`excitation` above
     /// 0.99).
     pub excited: u128,
-    /// Bit i: parameter i is known from data. Three standard deviations of it are below 5 %,
-    /// according to the data since the last change; its group of equations showed no change in this
-    /// block or the one before, and both fit in each of its equations; the cause of the last change
-    /// is clear; the data push no parameter of its group against a bound. A fixed parameter is not
-    /// estimated and never usable.
+    /// Bit i: parameter i is known from data. Three standard deviations are below 5 % of its size
+    /// (`sizes.rs`), according to the data since the last change; the data have informed on more
+    /// than half of the directions of its group of equations; this group showed no change in this
+    /// block or the one before, and both fit in each of its equations; it is not withheld until the
+    /// cause of the last change is clear; the data push no parameter of the group against a bound.
+    /// A fixed parameter is not estimated and never usable.
     pub usable: u128,
     /// χ² of the whitened residuals over their number, per equation, see `fit_statistic.rs`: 1 on
     /// average if the block fits. Relative to the configured noise, otherwise to the level that
@@ -142,8 +143,8 @@ pub struct Report {
     /// comes from considered errors that the motion does not show; and the largest of these errors,
     /// an index of [`Residuals::suspects`](super::Residuals::suspects).
     pub limited: Option<(usize, usize)>,
-    /// True if the last change may be one of a drive or a sensor and not of the plant, see
-    /// `cause_search.rs`: no parameter of the groups that showed it is usable.
+    /// True if no parameter of some group is usable until the cause of the last change is clear
+    /// (`cause_search.rs`).
     pub unclear: bool,
     /// The error of a drive or a sensor that explains the last change.
     pub fault: Option<Cause>,

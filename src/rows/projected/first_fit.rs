@@ -9,8 +9,8 @@
 //! every parameter is known to within 50 %. Both must use the same θ: positions smoothed with a θ
 //! that does not minimise the block's residuals agree with that θ afterwards, and the estimator
 //! would confidently adopt it. With encoders of 13 bits and smooth motion with rests, 3 % of the
-//! blocks were then called misfits or changes, and the error of θ₅ was 18 times the bound; now it
-//! is 1.7 times (docs/efficiency.md).
+//! blocks were then called misfits or changes, and the error of θ₅ was 18 times the Cramér–Rao
+//! bound; docs/efficiency.md has the present errors.
 //!
 //! A block that does not inform on some parameter is fitted together with those before, and R uses
 //! the start value of each parameter that is not known to within 50 %: the arbitrary inertia of a

@@ -24,7 +24,7 @@ table! {
         domain: String = "default".to_owned(), Kind::Name, "",
             "Isolates whole runs from each other; programs of one run name the same domain";
         delivery: Delivery = Delivery::Auto, choice::<Delivery>(), "",
-            "realtime: the plant never waits, a late consumer loses the oldest samples. lockstep: the plant waits, nothing is lost. auto: lockstep where plant.speed is \"max\", else realtime";
+            "realtime: the plant never waits, a late consumer loses the oldest samples. lockstep: the plant waits, nothing is lost. auto: lockstep if plant.speed is \"max\", else realtime";
         lockstep_consumers: u64 = 1, Kind::Whole(0, 64), "",
             "Consumers of samples that must be attached before a lockstep run starts; `run` sets it";
         lockstep_limit_s: f64 = 10.0, Kind::Real(Interval::closed(0.1, 3600.0)), "s",

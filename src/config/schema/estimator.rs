@@ -73,7 +73,7 @@ table! {
         noise_floor: Vec<f64> = Vec::new(), equations(NOT_NEGATIVE), "",
             "Lower limit of the estimated noise of the weighted rows, and the noise that residuals are compared with: 1 for projected rows whose sensors are configured; none: 0, and residuals are compared with what was learnt; a single number counts for all equations";
         noise_floor_relative: f64 = estimator.noise_floor_relative, Kind::Real(Interval::closed(0.0, 0.1)), "",
-            "The same as a share of the rows' size; keeps tests from firing on rounding where data are free of noise";
+            "noise_floor as a share of the rows' size; keeps tests from reacting to rounding if data are free of noise";
         random_walk: Vec<f64> = Vec::new(), parameters(NOT_NEGATIVE), "",
             "For drifting plants: standard deviation of each parameter's random walk per block, relative to the parameter; none: 0";
         outliers: OutliersKind = OutliersKind::Keep, choice::<OutliersKind>(), "",
@@ -87,6 +87,6 @@ table! {
         false_alarm_rate: f64 = ChangeDetection::default().false_alarm_rate, Kind::Real(Interval::above(0.0, 0.1)), "",
             "Probability that a block of an unchanged plant raises an alarm";
         change_margin_s: f64 = 0.0, Kind::Real(Interval::closed(0.0, 60.0)), "s",
-            "After a located change so much more is left out, for rows that the change itself has smeared; 0 for exact signals";
+            "Time after a located change that is left out, too, because the change affects rows there; 0 for exact signals";
     }
 }

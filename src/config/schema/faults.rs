@@ -46,7 +46,7 @@ table! {
         period_s: Option<f64>, Kind::Real(Interval::closed(0.0, LONGEST_S)), "s",
             "Period of slow and intermittent; a sample period at least (default)";
         delay_s: Option<f64>, Kind::Real(Interval::closed(0.0, 10.0)), "s",
-            "Delay of delayed, above 0. Late samples need a pace: at speed \"max\" there is no late";
+            "Delay of delayed, above 0. Whole samples are late only if plant.speed is a number, not \"max\"";
         share: Option<f64>, Kind::Real(Interval::closed(0.0, 1.0)), "",
             "Share of periods that are off, drawn from plant.seed; 0.5 (default)";
     }

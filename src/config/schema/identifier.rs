@@ -57,13 +57,13 @@ table! {
         window_s: RealOr<Automatic> = RealOr::Real(rows.window_s), real_or::<Automatic>(POSITIVE), "s",
             "Length of a window, 8 to 2000 sample periods; about 1.3 periods of the fastest motion that matters. \"auto\": chosen from the first motion and reviewed, 25 to 200 ms and at least 20 sample periods; stride_s and velocity_half_width_s are upper limits then";
         stride_s: f64 = rows.stride_s, Kind::Real(POSITIVE), "s",
-            "Time from a window to the next; a fifth of the window loses nothing worth having, and more than 0.02 loses much";
+            "Time from a window to the next; a fifth of the window loses little, more than 0.02 s loses much";
         velocity_half_width_s: f64 = rows.velocity_half_width as f64 * rows.sample_period_s, Kind::Real(POSITIVE), "s",
             "Time on either side that the velocity filter uses, rounded to 3 to 100 sample periods; 0.008 serves encoders of 13 to 20 bits; more smooths away jumps of the jerk, less makes noise of the direction of a slow joint";
         timing: InputTiming = rows.timing, choice::<InputTiming>(), "",
             "Input between samples: held by a sampled controller, or continuous except for jumps at sample instants";
         input_delay_s: f64 = rows.input_delay_s, Kind::Real(FINITE), "s",
-            "The recorded input acts on the plant this much later; negative where it was recorded late";
+            "The recorded input acts on the plant this much later; negative if it was recorded late";
         estimate_input_delay: bool = false, Kind::Flag, "",
             "Identify the delay too, as the parameter input_delay [s], starting at input_delay_s";
         input_delay_limit_s: Option<f64> = None, Kind::Real(POSITIVE), "s",

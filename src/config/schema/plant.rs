@@ -78,7 +78,7 @@ table! {
             Kind::Reals(LIST, Interval::closed(0.0, LONGEST_S)), "s",
             "Times of the points, rising, the first one 0";
         mass_kg: Vec<f64> = mass.points.iter().map(|point| point.1).collect(), Kind::Reals(LIST, POSITIVE), "kg",
-            "Masses from these times on, as many";
+            "Masses from these times on, as many as t_s";
         between: Interpolation = mass.interpolation, choice::<Interpolation>(), "",
             "Between two points the mass keeps the value of the first (step) or follows the straight line (linear)";
     }
@@ -92,15 +92,15 @@ table! {
             "Times from which on the masses hold, rising, the first one 0";
         mass: Vec<f64> = axis.mass.points.iter().map(|point| point.1).collect(),
             Kind::Reals(LIST, POSITIVE), "kg or kg m²",
-            "Masses or moments of inertia from these times on, as many";
+            "Masses or moments of inertia from these times on, as many as t_s";
         viscous_friction: f64 = axis.viscous_friction, Kind::Real(NOT_NEGATIVE), "N s/m or N m s/rad",
-            "Friction that grows with speed";
+            "Viscous friction, proportional to the speed";
         coulomb_friction: f64 = axis.coulomb_friction, Kind::Real(NOT_NEGATIVE), "N or N m",
-            "Friction that does not; the axis sticks while it is not overcome";
+            "Coulomb friction, which does not depend on the speed; the axis sticks until the force exceeds it";
         stribeck_friction: f64 = axis.stribeck_friction, Kind::Real(NOT_NEGATIVE), "N or N m",
             "Further friction that falls with the speed v as exp(−(v/stribeck_speed)²), which the identified model does not have";
         stribeck_speed: f64 = axis.stribeck_speed, Kind::Real(POSITIVE), "m/s or rad/s",
-            "Speed at which 37 % of it are left";
+            "Speed at which 37 % of stribeck_friction are left";
         offset: f64 = axis.offset, Kind::Real(FINITE), "N or N m",
             "Constant force or torque against positive motion";
         gain: f64 = axis.gain, Kind::Real(FINITE), "N or N m per unit of input",
@@ -175,7 +175,7 @@ table! {
         eccentricity_rad: f64 = sensors.eccentricity_rad, Kind::Real(Interval::closed(-0.1, 0.1)), "rad",
             "Size a of the error of encoders mounted off their axes, which show q + a sin(q + eccentricity_phase_rad); 100 arc seconds are 4.8e-4";
         eccentricity_phase_rad: f64 = sensors.eccentricity_phase_rad, Kind::Real(FINITE), "rad",
-            "Where on the turn this error is 0 and rises, with the opposite sign";
+            "Phase of this error: it is 0 and rises at q = −eccentricity_phase_rad";
         resonance_hz: f64 = sensors.resonance_hz, Kind::Real(Interval::closed(0.0, 1000.0)), "Hz",
             "Frequency of a resonance between each joint and its encoder, as of a soft coupling; 0: none";
         resonance_damping: f64 = sensors.resonance_damping, Kind::Real(Interval::closed(0.0, 10.0)), "",
@@ -209,7 +209,7 @@ table! {
         heating_share: f64 = unmodelled.heating_share, Kind::Real(Interval::closed(-0.9, 10.0)), "",
             "Share by which both winding resistances grow from the start on, at a constant rate";
         heating_s: f64 = unmodelled.heating_s, Kind::Real(POSITIVE), "s",
-            "Time that this takes; they stay then";
+            "Time in which the resistances grow; after it they are constant";
         rotor_inertia_kg_m2: Vec<f64> = unmodelled.rotor_inertia_kg_m2.to_vec(), joints(NOT_NEGATIVE), "kg m^2",
             "Inertia of each joint's rotor, times the square of the gear ratio";
     }

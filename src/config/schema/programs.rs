@@ -114,11 +114,11 @@ table! {
         q: Vec<String> = Vec::new(), Kind::Words, "",
             "Columns of the positions, one per joint";
         position_unit: PositionUnit = PositionUnit::Radians, choice::<PositionUnit>(), "",
-            "Unit of the position columns: of length where the model moves along a line, else of angle";
+            "Unit of the position columns: of length if the model moves along a line, else of angle";
         input: Vec<String> = Vec::new(), Kind::Words, "",
             "Columns of the inputs, one per joint";
         input_unit: f64 = 1.0, Kind::Real(FINITE), "",
-            "One unit of the input columns in the model's unit, 0.001 for millivolts; negative where a positive input drives the machine backwards, not 0";
+            "One unit of the input columns in the model's unit, 0.001 for millivolts; negative if a positive input drives the machine backwards, not 0";
         setpoint: Vec<String> = Vec::new(), Kind::Words, "",
             "Columns of the setpoints, one per joint in the unit of the positions, or none";
     }
@@ -142,11 +142,11 @@ table! {
     /// Section `[controller]`.
     Control where follow = AdaptiveOptions::default(); {
         feed_forward: FeedForward = FeedForward::None, choice::<FeedForward>(), "",
-            "adaptive: from estimates that may be used. fixed: from controller.theta throughout. none: no controller; `run` starts one otherwise";
+            "adaptive: from estimates with use_ok 1, see max_std. fixed: from controller.theta throughout. none: no controller; `run` starts one otherwise";
         theta: Vec<f64> = Vec::new(), parameters(FINITE), "the parameters' own",
             "Parameters that the controller begins with; none: estimator.theta_start";
         max_std: f64 = follow.max_std, Kind::Real(Interval::closed(1e-6, 10.0)), "",
-            "Largest standard deviation of a parameter that is taken, as a share of it";
+            "A parameter is taken if its standard deviation is at most this share of it";
         blend_s: f64 = follow.blend_s, Kind::Real(Interval::closed(1e-3, 1e3)), "s",
             "Time in which a parameter may move by its own size: a new estimate never steps the input";
         silence_s: f64 = follow.silence_s, Kind::Real(Interval::closed(0.1, 1e6)), "s",

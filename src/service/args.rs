@@ -45,7 +45,7 @@ pub struct CommonArgs {
     /// Name of the machine; its topics are thetabus/NAME/… (key bus.robot)
     #[arg(long, value_name = "NAME")]
     pub robot: Option<String>,
-    /// Keeps whole runs apart; programs that belong together name the same (key bus.domain)
+    /// Domain, which separates whole runs; programs of one run name the same (key bus.domain)
     #[arg(long, value_name = "NAME")]
     pub domain: Option<String>,
     /// Log format on standard error; RUST_LOG chooses what is logged

@@ -39,11 +39,11 @@ pub struct CtlArgs {
 /// What an identifier can be told.
 #[derive(Debug, Clone, clap::Subcommand)]
 pub enum CtlCommand {
-    /// Take no more samples in; the estimate stays
+    /// Use no more samples; the estimate stays
     Pause,
-    /// Go on after a pause
+    /// Continue after a pause
     Resume,
-    /// Back to the start values; tunables stay
+    /// Begin again with the start values; tunables stay
     Reset,
     /// Set a tunable, e.g. set forgetting_factor=0.98; `describe` lists them
     Set {
@@ -60,7 +60,7 @@ pub enum CtlCommand {
         #[arg(value_name = "VALUE", allow_negative_numbers = true)]
         value: Option<f64>,
     },
-    /// Estimate a parameter that was held
+    /// Estimate a parameter again that was held
     Free {
         /// Name of the parameter
         #[arg(value_name = "PARAMETER")]

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 /// The end of every `--help`.
 pub const EXIT_CODES: &str = "Exit codes:\n  \
-    0    done; a service that was ended by a signal, too\n  \
+    0    done, or a service ended by a signal\n  \
     1    failed\n  \
     2    wrong usage or configuration\n  \
     3    finished, but data were lost\n  \

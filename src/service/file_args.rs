@@ -57,14 +57,14 @@ impl SpanArgs {
 /// `thetabus doctor`.
 #[derive(Debug, Clone, Args)]
 pub struct DoctorArgs {
-    /// Look at this domain only, instead of all of this user
+    /// Look at this domain only; without it, at all domains of this user
     #[arg(long, value_name = "NAME")]
     pub domain: Option<String>,
     /// Remove resources of dead processes; resources in use are kept
     #[arg(long)]
     pub clean: bool,
-    /// Print what iceoryx2's own tools need to see the domain: put it into config/iceoryx2.toml and
-    /// start `iox2` beside
+    /// Print the configuration with which iceoryx2's own tools see the domain: write it to
+    /// config/iceoryx2.toml and start `iox2` in the directory that holds config
     #[arg(long, requires = "domain", conflicts_with = "clean")]
     pub iox2: bool,
     /// Form of the report on standard output
@@ -117,8 +117,8 @@ pub struct ExportArgs {
 #[derive(Debug, Clone, Args)]
 #[command(mut_arg("config", |arg| arg.help("Configuration file; repeatable, later files override earlier ones key by key. Default: the recording's own configuration; for a log, config/encoder_only.toml, built in")))]
 pub struct IdentifyArgs {
-    /// Directory of results or recording, whose own configuration holds if --config and --set
-    /// say nothing, or log with columns as section log names them
+    /// Directory of results, recording, or log. A recording has its own configuration, which holds
+    /// if --config and --set are not given; section log names the columns of a log
     #[arg(value_name = "DIR|RECORDING|LOG.csv")]
     pub input: PathBuf,
     /// Directory for estimates.csv, summary.json and the report, new or empty; none are written

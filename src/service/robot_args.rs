@@ -23,7 +23,7 @@ pub struct ExciteArgs {
     #[arg(long, value_name = "N")]
     pub seed: Option<u64>,
     /// Result of an earlier identification, whose misfit of each joint is expected again; without
-    /// it, the noise of the simulated robot
+    /// it, the noise that section simulate states
     #[arg(long, value_name = "DIR|summary.json")]
     pub residuals: Option<PathBuf>,
     /// Points per second of the file

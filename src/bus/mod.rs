@@ -12,6 +12,7 @@
 //! | `status` | one, and a spare for bridges | overflow on, buffer 64, history 1; 32 subscribers |
 //! | `description` | one, and a spare for bridges | overflow on, buffer 1, history 1; 32 subscribers |
 //! | `journal` | one, and a spare for bridges | overflow on, buffer 64, history 64; 32 subscribers |
+//! | `command` + event | one, and a spare | overflow on, buffer 16, history 1; 32 subscribers |
 //! | `control` + event | request-response: one server, 8 clients | one request at a time per client |
 //!
 //! Numbers of subscribers and the buffer of samples are defaults: [`Limits`]. Service names are

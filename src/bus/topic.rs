@@ -131,7 +131,7 @@ pub(super) mod control {
     }
 }
 
-/// Sizes of `estimate`, `status`, `description` and `journal`.
+/// Sizes of `estimate`, `status`, `description`, `journal` and `command`.
 pub(super) mod latched {
     pub const MAX_PUBLISHERS: usize = 2;
     pub const BUFFER: usize = 64;

@@ -24,9 +24,9 @@
 //! ```
 //!
 //! Settings that you leave out have the values of `config/own_plant.toml`: rows over windows of the
-//! positions, noise and window learnt from the signals, an estimator that forgets only where new
-//! data arrive, bounds from physics, and change detection. The service builds its identifier in the
-//! same way from its configuration: both call
+//! positions, noise and window learnt from the signals, an estimator that forgets only what new
+//! data determine, bounds from physics, and change detection. The service builds its identifier in
+//! the same way from its configuration: both call
 //! [`Model::identifier`](crate::node::model::Model::identifier).
 
 pub use crate::estimator::ParameterPrior;

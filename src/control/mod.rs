@@ -1,4 +1,4 @@
-//! A controller that uses θ̂: the loop that the method is for.
+//! A controller that uses θ̂.
 //!
 //! ```text
 //! estimates ─▶ gate (use_ok, σ) ─▶ bumpless θ ─▶ u_ff ─▶ machine, on top of its PD loop

@@ -13,15 +13,16 @@
 //! is compared with (b) and (c), over all groups together, because two causes at once are unlikely.
 //! A supply that sags is one cause and takes the same share from each drive. So if no single error
 //! explains the rows, all errors of one kind and one amplitude are compared.
-//! Nothing may be used
 //!
-//! * while all parameters of a group seem to have changed,
-//! * while an error explains the rows and changed parameters are no plausible cause, or
-//! * while the estimate is still on its way:
+//! No parameter of a group may be used while one of these holds:
 //!
-//! until the rows refute that. While an error explains the rows as well as a plausible change of
-//! the plant does, or while the estimate has moved although the rows show no change, the truth is
-//! either θ̂ or still θ₀, and the published covariance covers both (`inquiry.rs`).
+//! * All of its parameters seem to have changed.
+//! * An error explains the rows, and changed parameters are no plausible cause.
+//! * Its estimate is still moving towards the new value.
+//!
+//! While an error explains the rows as well as a plausible change of the plant does, or while the
+//! estimate has moved although the rows show no change, the truth is either θ̂ or still θ₀, and the
+//! published covariance covers both (`inquiry.rs`).
 //!
 //! With most motion this takes a block or two; it may also never happen. Groups that have not moved
 //! may be used meanwhile. A change back is recognised in the same way, because θ₀ stays the

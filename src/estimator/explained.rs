@@ -7,10 +7,10 @@
 //! ```
 //!
 //! A noise level that is learnt from the rows cannot tell a bad model from a noisy machine: on
-//! white noise, or with the input's sign the wrong way round, it simply becomes as large as the
-//! signal. The share of the signal's power that the model explains can. It is judged only if the
-//! signal exceeds the noise by 20 dB (2), or 30 dB if the level was learnt (1), so that a machine
-//! at rest neither confirms nor refutes a model; before the first such block nothing is explained.
+//! white noise, or with the wrong sign of the input, it becomes as large as the signal. The share
+//! of the signal's power that the model explains can. It is judged only if the signal exceeds the
+//! noise by 20 dB (2), or 30 dB if the level was learnt (1), so that a machine at rest neither
+//! confirms nor refutes a model; before the first such block nothing is explained.
 //!
 //! A machine that moves little may never exceed its noise that far. If the noise of its sensors is
 //! known, blocks of at least 10 dB are averaged (3) until the scatter of their residuals' power is

@@ -16,10 +16,10 @@
 //! former and 5 %. This judges θ̂ as a whole: a direction that hardly affects the plant need not be
 //! known to predict the plant. *Moved little* means by less than three standard deviations or 1 %.
 //!
-//! A model that keeps failing is not right whenever a block happens to fit. Each misfit therefore
-//! costs three blocks that fit, at most 11 in all; after a single one, the two that `Converged`
+//! A model that fails repeatedly is not right when a block happens to fit. Each misfit therefore
+//! requires three blocks that fit, at most 11 in all; after a single one, the two that `Converged`
 //! requires anyway are enough. A misfit of a block in which more than 0.1 % of the samples are lost
-//! or replaced costs nothing, because these may have caused it.
+//! or replaced requires nothing more, because these may have caused it.
 //!
 //! Controllers may use θ̂ (`use_ok`) in `Converged`, and in `PoorlyExcited` if it had converged
 //! before and no change was seen since; in both only with the evidence of `evidence.rs`: the data

@@ -184,7 +184,7 @@ pub struct StreamClock {
 }
 
 impl StreamClock {
-    /// Largest deviation of the time from that expected from `seq` \[ns\]: possible effect of a
+    /// Largest difference of the time from that expected from `seq` \[ns\]: possible effect of a
     /// driver's scheduling on time stamps. At least 20 periods, and 2 % of the elapsed time more.
     const JITTER_NS: u64 = 100_000_000;
 

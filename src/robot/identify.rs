@@ -60,7 +60,7 @@ const ASSUMED_INFLATION: (f64, f64) = (9.0, 2.0);
 const ITERATIONS: usize = 4;
 /// Blocks after which the estimate gives the mass matrix better than the URDF.
 pub(super) const TRIED: usize = 3;
-/// Length of a slice \[s\]: the interval of the test for changes.
+/// Length of a slice \[s\]: the period of the test for changes.
 const SLICE_S: f64 = 0.25;
 /// Number of slices kept separate.
 const SLICES: usize = 8;

@@ -34,9 +34,10 @@
 //! | `acceleration_noise`, `encoder_noise`, `velocity_noise` | effect of errors of the velocities, formed from positions or measured |
 //! | `identify`, `learning`, `known`, `figures` | blocks → estimates with standard deviations and goodness of fit |
 //! | `friction_drift`, `offset_drift` | friction and offsets that drift |
-//! | `clipped` | clipped torques |
+//! | `clipped`, `torque_counts` | clipped torques; torques rounded to counts |
 //! | `explained` | share of each joint's torque that the model explains |
 //! | `left_out` | terms missing in the model, from the residuals |
+//! | `impossible` | impossible estimates: negative friction, payload or inertia |
 //! | `drive_gain` | a joint whose torque contradicts those of the other joints |
 //! | `urdf_prior`, `urdf_moments` | a gravity or a zero that contradicts the URDF, from the moments |
 //! | `payload`, `change`, `watch`, `physical` | the payload: detected, located in time, estimated, physically possible |

@@ -1,5 +1,5 @@
-//! Warm starts: going on from a checkpoint if there is one that fits, cold and loudly where
-//! there is none.
+//! Warm starts: continues from a checkpoint that fits. Without one the start is cold, and the log
+//! says why.
 
 use super::Failure;
 use super::wiring::identity;
@@ -13,7 +13,7 @@ use std::path::Path;
 /// Where checkpoints are.
 ///
 /// # Errors
-/// If `checkpoint.dir` is not set, for then nobody can have meant a warm start.
+/// If `checkpoint.dir` is not set.
 pub(super) fn dir(config: &Config) -> Result<&Path, Failure> {
     let dir = config.checkpoint.dir.as_deref();
     dir.ok_or_else(|| Failure::Usage("--warm needs checkpoint.dir, the directory of the checkpoints".to_owned()))

@@ -60,7 +60,7 @@
 //! measured.
 //!
 //! What is left of n in q̂ does not bias, but lengthens φ: the information seems larger than it is,
-//! and where a joint hardly moves it is all noise. A draw of the noise through the same rows shows
+//! and if a joint hardly moves it is all noise. A draw of the noise through the same rows shows
 //! how much (`regressor_noise.rs`), and φ is freed of it (`calibration.rs`).
 
 mod block;

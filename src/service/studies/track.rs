@@ -305,7 +305,7 @@ fn section(of: &Compared) -> Section {
         text: vec![format!(
             "Root mean square of setpoint minus measured position, from {SETTLED_S} s to the change at {change_s} s, and from {FOUND_S} s after it to the end; \
              root mean square over {seeds} seeds. The ratios are for all joints together, over all seeds and for the worst seed.\n\nThe machine's own loop is the same in all rows. \
-             Fixed feed-forward uses the true values before the change. Adaptive feed-forward starts with `controller.theta` and continues with estimates that may be used. The \
+             Fixed feed-forward uses the true values before the change. Adaptive feed-forward starts with `controller.theta` and continues with estimates that pass `use_ok` and `controller.max_std`. The \
              last row uses the true parameters."
         )],
         table,

@@ -42,8 +42,8 @@ pub const fn cedro2022_best_start() -> [f64; PARAMS] {
     ]
 }
 
-/// Our estimator on the paper's signals, as `config/cedro2022_best.toml` has it: every parameter is
-/// known to be positive, the rest is [`EstimatorOptions::recommended`].
+/// The recommended estimator on the paper's signals, as `config/cedro2022_best.toml` has it: every
+/// parameter is known to be positive, the rest is [`EstimatorOptions::recommended`].
 pub fn cedro2022_best_estimator() -> EstimatorOptions {
     EstimatorOptions::recommended(cedro2022_best_start().map(ParameterPrior::positive), 2)
 }

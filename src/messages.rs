@@ -1,8 +1,8 @@
 //! The bus payloads: fixed size, `repr(C)`, explicit padding, one schema version.
 //!
-//! This is the only place that translates between messages and core types. Deriving `ZeroCopySend`
-//! is the only mention of iceoryx2 outside `bus/`, because a trait must be derived where the type
-//! is declared.
+//! Samples are translated to and from core types here, the estimator's report to an estimate in
+//! `node/estimate_message.rs`. Deriving `ZeroCopySend` is the only use of iceoryx2 outside `bus/`,
+//! because a trait must be derived where the type is declared.
 //!
 //! Each message is one [table of fields](Layout); the structure, its empty value, the schema of
 //! recordings and the layouts for other languages follow from it.

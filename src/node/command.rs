@@ -8,10 +8,10 @@ use crate::estimator::{BlockEstimator, EstimatorOptions, EstimatorState, StateMa
 use std::any::Any;
 use std::fmt;
 
-/// Largest number of orders that a node holds.
+/// Largest number of orders that wait for a sample or a stream.
 pub const MAX_ORDERS: usize = 64;
-/// Number of these reserved for orders that wait only for the next border, so that orders for
-/// distant samples cannot keep an operator from pausing.
+/// Number of further orders that a node holds if they wait only for the next border, so that orders
+/// for distant samples cannot keep an operator from pausing.
 pub const RESERVED_ORDERS: usize = 16;
 
 /// The change made by a command.

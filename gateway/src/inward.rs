@@ -25,11 +25,11 @@ use zenoh::query::{ConsolidationMode, QueryTarget};
 use zenoh::sample::SampleKind;
 use zenoh::{Session, Wait};
 
-/// Messages that wait for this thread at most: 8 s of samples of one robot at 1 kHz.
+/// Largest number of messages that wait for this thread: 8 s of samples of one robot at 1 kHz.
 const INBOX: usize = 8192;
-/// Requests of the bus are looked after this often.
+/// Period of serving requests of the bus.
 const PAUSE: Duration = Duration::from_millis(5);
-/// Messages taken before the bus is looked after.
+/// Number of messages taken before requests of the bus are served.
 const AT_A_TIME: usize = 256;
 
 /// What comes into a domain.
@@ -38,19 +38,19 @@ pub struct InArgs {
     /// Domain of the bus
     #[arg(long, default_value = "default")]
     pub domain: String,
-    /// Host whose robots come [default: all]
+    /// Host whose robots are brought in [default: all]
     #[arg(long)]
     pub from: Option<String>,
     /// Robot; may be repeated [default: all]
     #[arg(long)]
     pub robot: Vec<String>,
-    /// Samples come, too, if their host sends them
+    /// Bring in the samples, too, if their host sends them
     #[arg(long)]
     pub samples: bool,
-    /// Nobody in the domain can send commands
+    /// Take no commands from the domain
     #[arg(long)]
     pub no_control: bool,
-    /// Robots at most: each takes some megabytes of shared memory
+    /// Largest number of robots; each takes some megabytes of shared memory
     #[arg(long, default_value_t = 64)]
     pub max_robots: usize,
     /// How the network is reached

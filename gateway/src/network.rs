@@ -11,13 +11,13 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 use zenoh::{Config, Session, Wait};
 
-/// Where a gateway listens, or looks for one, if nothing else is said: this host alone.
+/// Where a gateway listens or connects to if no endpoint is given: this host alone.
 pub const LOOPBACK: &str = "tcp/127.0.0.1:7447";
 /// Pauses between attempts to connect, each twice the one before, as zenoh's own: from this one to
 /// that.
 const FIRST_PAUSE: Duration = Duration::from_millis(250);
 const LONGEST_PAUSE: Duration = Duration::from_secs(4);
-/// How often it looks meanwhile whether it shall stop.
+/// Period of checking for a stop meanwhile.
 const LOOK: Duration = Duration::from_millis(50);
 
 /// How the network is reached.
@@ -27,7 +27,7 @@ pub struct NetworkArgs {
     /// may be repeated
     #[arg(long, value_name = "ENDPOINT")]
     pub connect: Vec<String>,
-    /// Endpoint to be reached at, for example tcp/10.0.0.4:7447; may be repeated
+    /// Endpoint to listen on, for example tcp/10.0.0.4:7447; may be repeated
     #[arg(long, value_name = "ENDPOINT")]
     pub listen: Vec<String>,
     /// zenoh's own configuration, JSON5: TLS, user and password, access control
@@ -106,8 +106,8 @@ fn read(path: &Path) -> Result<Value, GatewayError> {
     }
 }
 
-/// The whole configuration as JSON: defaults, file, command line, and `part` where all three are
-/// silent.
+/// The whole configuration as JSON: defaults, file, command line, and `part` for what none of the
+/// three states.
 ///
 /// # Errors
 /// The file cannot be read.

@@ -27,13 +27,13 @@ use zenoh::qos::{CongestionControl, Priority};
 use zenoh::query::{Query, Queryable};
 use zenoh::{Session, Wait};
 
-/// Pause if nothing wakes this thread: questions, statuses and the journal wait as long.
+/// Pause if nothing wakes this thread; questions, statuses and the journal may wait this long.
 const PAUSE: Duration = Duration::from_millis(5);
 /// The same between samples of several robots.
 const SHORT_PAUSE: Duration = Duration::from_millis(1);
 /// Samples taken at a time, so that no topic waits for another.
 const SAMPLES_AT_A_TIME: usize = 256;
-/// Questions that wait at most.
+/// Largest number of questions that wait.
 const QUESTIONS: usize = 64;
 
 /// What leaves a domain.
@@ -48,10 +48,10 @@ pub struct OutArgs {
     /// This host's name in the keys, [a-z0-9_-]{1,32} [default: the system's]
     #[arg(long)]
     pub host: Option<String>,
-    /// Samples leave, too
+    /// Carry the samples, too
     #[arg(long)]
     pub samples: bool,
-    /// Nobody on the network can send commands
+    /// Take no commands from the network
     #[arg(long)]
     pub no_control: bool,
     /// How the network is reached

@@ -134,6 +134,7 @@ pub(super) fn identification(
         friction_walk: section.friction_walk,
         payload_friction: section.payload_friction,
         zero_rad: section.zero_rad,
+        delay_s: section.delay_s,
         ..IdentifyOptions::default()
     };
     // Reports errors of the options now, not after the log has been read.

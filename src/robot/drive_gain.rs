@@ -33,7 +33,6 @@
 //! enough rows without one.
 
 use super::drive_gain_room::{DriveGains, WrongGain};
-use super::friction::FrictionTerm;
 use super::identify::{RobotIdentifier, TRIED};
 use super::learning::{ROWS_PER_PARAMETER, SMALLEST_STD};
 use super::model::Unmodelled;
@@ -90,10 +89,7 @@ impl RobotIdentifier {
     /// True if a wrong gain is likelier than the term that the model leaves out: zeros, tilts,
     /// springs and delays imitate it.
     pub fn is_gain_likelier(&self) -> bool {
-        let is_vague = |what: Unmodelled| match what {
-            Unmodelled::Friction { term, .. } => term == FrictionTerm::Spring,
-            Unmodelled::Zero { .. } | Unmodelled::Tilt | Unmodelled::Delay => true,
-        };
+        let is_vague = |what: Unmodelled| what.is_considered() || what.is_one_of_many();
         self.wrong_gain().is_some() && self.left_out_cause().is_some_and(|cause| is_vague(cause.what))
     }
 

@@ -21,8 +21,8 @@
 //!
 //! k is a spring, such as a hose pack or a balancer; its rest position is part of f_0. f_d is drag,
 //! of a fluid or of churned grease, and f_a half the difference of viscous friction between the
-//! directions; that of Coulomb friction is part of f_0. Few machines have these three, so by default
-//! they are not among the terms but tested for.
+//! directions; that of Coulomb friction is part of f_0. Few machines have these three, so by
+//! default they are not among the terms but tested for.
 //!
 //! Below the rest speed v_r a joint may creep under any torque up to that of friction, which (1)
 //! does not describe, see [`rows`](super::rows). |g| is the joint's gravity load by the URDF's
@@ -167,8 +167,8 @@ pub struct JointFriction {
 }
 
 impl Default for JointFriction {
-    /// All terms except spring, drag and asymmetric friction; δ = 0.2 mrad, rest below 0.01 rad/s, v_s = 0.1 rad/s. On a
-    /// UR10e, 0.1 to 0.4 mrad and 0.05 to 0.2 rad/s do nearly as well.
+    /// All terms except spring, drag and asymmetric friction; δ = 0.2 mrad, rest below 0.01 rad/s,
+    /// v_s = 0.1 rad/s. On a UR10e, 0.1 to 0.4 mrad and 0.05 to 0.2 rad/s do nearly as well.
     fn default() -> Self {
         Self {
             terms: {
@@ -234,13 +234,18 @@ impl JointFriction {
                 FrictionTerm::Coulomb => z,
                 FrictionTerm::Offset => 1.0,
                 FrictionTerm::Load => weight.abs() * z,
-                FrictionTerm::Stribeck => z * (-(dq / self.stribeck_speed).powi(2)).exp(),
+                FrictionTerm::Stribeck => self.stribeck(dq, engagement, 1.0),
                 FrictionTerm::Reversal => engagement.slope,
                 FrictionTerm::Spring => q,
                 FrictionTerm::Drag => dq * dq.abs(),
                 FrictionTerm::Asymmetric => dq.abs(),
             }; // (1)
         }
+    }
+
+    /// The Stribeck term of (1) for `factor` times its speed.
+    pub(super) fn stribeck(&self, dq: f64, engagement: Engagement, factor: f64) -> f64 {
+        engagement.z * (-(dq / (factor * self.stribeck_speed)).powi(2)).exp()
     }
 
     /// (1) with the values `theta` of the terms.

@@ -213,7 +213,7 @@ impl RobotIdentifier {
             recent_rows: RecentRows::new(&options.windows, options.block_s, &columns),
             drift: FrictionDrift::new(arm),
             counts: TorqueCounts::new(arm),
-            left_out: (!terms.is_empty()).then(|| LeftOut::new(terms, options.zero_rad, n, acting)),
+            left_out: (!terms.is_empty()).then(|| LeftOut::new(terms, (options.zero_rad, options.delay_s), n, acting)),
             wide,
             urdf_prior: Some(UrdfPrior::new(&model)),
             impossibles: Impossibles::new(columns.iter().copied().max().unwrap_or(0)),

@@ -42,13 +42,17 @@ pub struct IdentifyOptions {
     /// estimated, and standard deviations allow for them. If the residuals show one of more than
     /// three standard deviations, it is a misfit.
     pub zero_rad: f64,
+    /// Standard deviation of the delay of the torques against positions and velocities \[s\], ≥ 0,
+    /// for which standard deviations allow as well.
+    pub delay_s: f64,
     /// Relative standard deviation of masses due to that of the drives' gains, ≥ 0.
     pub gain_std: f64,
 }
 
 impl Default for IdentifyOptions {
     /// Blocks of 1 s; a random walk of friction of 5 % per √s after a minute, a change of half its
-    /// size in a pause and of 5 % with the payload; zeros known to 5 mrad.
+    /// size in a pause and of 5 % with the payload; zeros known to 5 mrad,
+    /// and delays to 0.5 ms.
     fn default() -> Self {
         Self {
             windows: WindowOptions::default(),
@@ -61,6 +65,7 @@ impl Default for IdentifyOptions {
             payload_friction: 0.05,
             payload: false,
             zero_rad: 0.005,
+            delay_s: 5e-4,
             gain_std: 0.0,
         }
     }
@@ -92,6 +97,7 @@ impl IdentifyOptions {
             ("friction change", self.friction_change),
             ("payload friction", self.payload_friction),
             ("zero_rad", self.zero_rad),
+            ("delay_s", self.delay_s),
             ("gain_std", self.gain_std),
         ] {
             if !(got >= 0.0 && got.is_finite()) {

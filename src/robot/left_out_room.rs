@@ -1,4 +1,4 @@
-//! Workspace of the test for missing terms, allocated at the start; (1) to (9) are those of
+//! Workspace of the test for missing terms, allocated at the start; (1) to (10) are those of
 //! [`left_out`](super::left_out).
 
 use super::information::Information;
@@ -29,6 +29,9 @@ impl std::fmt::Display for Unmodelled {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::Friction { joint, term } => write!(f, "{} at joint {}", term.phrase(), joint + 1),
+            Self::StribeckSpeed { joint, .. } => {
+                write!(f, "another Stribeck speed (stribeck_speed) at joint {}", joint + 1)
+            }
             Self::Zero { joint } => write!(f, "another zero of the encoder of joint {}", joint + 1),
             Self::Tilt => f.write_str("a tilted base"),
             Self::Delay => f.write_str("a delay or filter of the torques"),
@@ -61,6 +64,9 @@ pub(super) struct LeftOut {
     considered: Vec<f64>,
     /// Standard deviation of zeros and tilts \[rad\].
     pub zero_rad: f64,
+    /// Standard deviation of the delay \[s\], and the effect (10) of the delay on the estimates.
+    pub delay_s: f64,
+    delay: Vec<f64>,
     /// U, I and ĉ_all.
     pub score: Vec<f64>,
     /// Bias of U by errors of the positions.
@@ -79,12 +85,14 @@ pub(super) struct LeftOut {
 impl LeftOut {
     /// Workspace for `terms`; `n` is the number of parameters and terms together, and rows depend
     /// on `acting` effective parameters.
-    pub fn new(terms: Vec<LeftOutTerm>, zero_rad: f64, n: usize, acting: usize) -> Self {
+    pub fn new(terms: Vec<LeftOutTerm>, (zero_rad, delay_s): (f64, f64), n: usize, acting: usize) -> Self {
         let k = terms.len();
         let considered = terms.iter().filter(|term| term.what.is_considered()).count();
         Self {
             considered: vec![0.0; considered * n],
             zero_rad,
+            delay_s,
+            delay: vec![0.0; n],
             terms,
             found: None,
             shifts: vec![0.0; k * n],
@@ -115,6 +123,7 @@ impl LeftOut {
         self.found = None;
         self.forget_shifts();
         self.considered.fill(0.0);
+        self.delay.fill(0.0);
     }
 
     /// Drops the errors (2) after parameters were fixed or freed, because they are of another
@@ -142,16 +151,17 @@ impl LeftOut {
         }
     }
 
-    /// Contribution of (6) and (7) to an entry of P.
+    /// Contribution of (6), (7) and (10) to an entry of P.
     pub fn covariance(&self, i: usize, j: usize, n: usize) -> f64 {
-        self.errors(n).map(|shift| shift[i] * shift[j]).sum() // (6), (7)
+        self.errors(n).map(|shift| shift[i] * shift[j]).sum() // (6), (7), (10)
     }
 
-    /// The errors of the n estimates for which (6) and (7) allow.
+    /// The errors of the n estimates for which (6), (7) and (10) allow.
     pub fn errors(&self, n: usize) -> impl Iterator<Item = &[f64]> {
         let n = n.max(1);
         let considered = self.considered.chunks_exact(n);
-        considered.chain(self.shifts.chunks_exact(n).take(self.believed))
+        let believed = self.shifts.chunks_exact(n).take(self.believed);
+        considered.chain(self.delay.chunks_exact(n)).chain(believed)
     }
 
     /// Stores the effect of considered errors on the estimates.
@@ -162,6 +172,16 @@ impl LeftOut {
             for (kept, v) in kept.iter_mut().zip(shift) {
                 *kept = v * self.zero_rad; // (7)
             }
+        }
+    }
+
+    /// Stores the effect (10) of the delay c, of which `precision` is I_cc/x and `mean` U_c/x.
+    pub fn consider_delay(&mut self, c: usize, precision: f64, mean: f64) {
+        let n = self.theta.len();
+        let variance = (self.delay_s.powi(-2) + precision).recip(); // (10)
+        let size = (variance + (variance * mean).powi(2)).sqrt(); // (10)
+        for (kept, v) in self.delay.iter_mut().zip(&self.shifts[c * n..(c + 1) * n]) {
+            *kept = v * size; // (10)
         }
     }
 
@@ -253,7 +273,7 @@ mod tests {
             index,
             scale: 1.0,
         };
-        let mut left_out = LeftOut::new(vec![term(3), term(4)], 0.0, n, n);
+        let mut left_out = LeftOut::new(vec![term(3), term(4)], (0.0, 0.0), n, n);
         assert!(left_out.solve(&known, &covariance, &theta));
         for (left_out, all) in left_out.theta.iter().zip(&all) {
             assert!((left_out - all).abs() < 1e-7, "{left_out} {all}");
@@ -271,7 +291,12 @@ mod tests {
     #[test]
     fn prop_each_term_has_words_that_fit_a_status() {
         let frictions = FrictionTerm::NAMES.map(|(_, term)| Unmodelled::Friction { joint: 7, term });
-        let others = [Unmodelled::Zero { joint: 7 }, Unmodelled::Tilt, Unmodelled::Delay];
+        let others = [
+            Unmodelled::StribeckSpeed { joint: 7, higher: true },
+            Unmodelled::Zero { joint: 7 },
+            Unmodelled::Tilt,
+            Unmodelled::Delay,
+        ];
         for what in frictions.into_iter().chain(others) {
             let found = LeftOutCause {
                 what,

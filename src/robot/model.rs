@@ -80,6 +80,8 @@ impl Meaningful {
 
 /// Standard deviations that cover any error of a zero or of the base \[rad\], and any delay \[s\].
 const ANGLE_SCALE: f64 = 0.1;
+/// Factor on the speed of Stribeck friction, up or down, of the two columns that stand for another.
+const STRIBECK_FACTOR: f64 = 3.0;
 const DELAY_SCALE: f64 = 0.02;
 
 /// Origin of a column of a joint's row.
@@ -91,6 +93,8 @@ enum Column {
     Rotor,
     /// Term of the joint's own friction.
     Friction(usize),
+    /// Stribeck friction with this times its speed.
+    Stribeck(f64),
     /// Derivative of the joint's weight with respect to a position or a tilt.
     Slope(usize),
     /// Derivative of the joint's measured torque.
@@ -108,6 +112,14 @@ pub enum Unmodelled {
         joint: usize,
         /// The term.
         term: FrictionTerm,
+    },
+    /// Stribeck friction falls over another speed than the model's; the amplitude is the friction
+    /// with three times the speed, or a third of it.
+    StribeckSpeed {
+        /// The joint, counted from 0.
+        joint: usize,
+        /// True if the speed is higher.
+        higher: bool,
     },
     /// The zero of a joint's encoder differs from the URDF; the amplitude is the error of its
     /// reading \[rad\].
@@ -127,8 +139,17 @@ impl Unmodelled {
     pub(super) fn is_one_of_many(self) -> bool {
         match self {
             Self::Friction { term, .. } => term.is_rare(),
-            Self::Delay => true,
+            Self::StribeckSpeed { .. } | Self::Delay => true,
             Self::Zero { .. } | Self::Tilt => false,
+        }
+    }
+
+    /// True for what only bends the curve of friction over speed, as every real gear does a little.
+    pub(super) fn bends_friction(self) -> bool {
+        match self {
+            Self::Friction { term, .. } => matches!(term, FrictionTerm::Drag | FrictionTerm::Asymmetric),
+            Self::StribeckSpeed { .. } => true,
+            Self::Zero { .. } | Self::Tilt | Self::Delay => false,
         }
     }
 
@@ -141,7 +162,7 @@ impl Unmodelled {
     /// The joint, if it affects the rows of only one.
     pub(super) fn only_joint(self) -> Option<usize> {
         match self {
-            Self::Friction { joint, .. } => Some(joint),
+            Self::Friction { joint, .. } | Self::StribeckSpeed { joint, .. } => Some(joint),
             Self::Zero { .. } | Self::Tilt | Self::Delay => None,
         }
     }
@@ -259,9 +280,9 @@ impl RobotModel {
     }
 
     /// The same model with longer rows: after its own columns each joint has those of the friction
-    /// terms that it leaves out, then those of errors of sensors and base that all joints share,
-    /// with indices from `first` on, then that of the time if the joint has an offset. They are not
-    /// parameters.
+    /// terms that it leaves out and of Stribeck friction over other speeds, then those of errors of
+    /// sensors and base that all joints share, with indices from `first` on, then that of the time
+    /// if the joint has an offset. They are not parameters.
     pub(super) fn with_left_out(&self, first: usize) -> (Self, Vec<LeftOutTerm>, Vec<DriftTerm>) {
         let (mut wide, mut left_out) = (self.clone(), Vec::new());
         let scales = Scales::of(&self.robot);
@@ -279,6 +300,18 @@ impl RobotModel {
                     index,
                     scale: scales.friction(joint, term),
                 });
+            }
+            if self.friction[joint].terms.contains(&FrictionTerm::Stribeck) {
+                for (higher, factor) in [(false, STRIBECK_FACTOR.recip()), (true, STRIBECK_FACTOR)] {
+                    let index = first + left_out.len();
+                    wide.columns[joint].push(Column::Stribeck(factor));
+                    wide.indices[joint].push(index);
+                    left_out.push(LeftOutTerm {
+                        what: Unmodelled::StribeckSpeed { joint, higher },
+                        index,
+                        scale: scales.friction(joint, FrictionTerm::Stribeck),
+                    });
+                }
             }
         }
         wide.has_load = has_load(&wide.built);
@@ -392,6 +425,7 @@ impl RobotModel {
                     Column::Body(entry) => (momentum[entry], -lagrangian[entry]), // (1)
                     Column::Rotor => (dq[i], 0.0),                                // (1)
                     Column::Friction(term) => (0.0, friction[term]),              // (1)
+                    Column::Stribeck(factor) => (0.0, self.built[i].stribeck(dq[i], engagement[i], factor)),
                     // change of the torque by a position or direction that is too large by 1,
                     // negated
                     Column::Slope(of) => (0.0, -held.slopes[of][i]),
@@ -450,7 +484,8 @@ impl RobotModel {
                     }
                 }
                 Column::Rotor if j == k => take(at, 1.0),
-                Column::Rotor | Column::Friction(_) | Column::Slope(_) | Column::Delay | Column::Elapsed => {}
+                Column::Rotor | Column::Friction(_) | Column::Stribeck(_) => {}
+                Column::Slope(_) | Column::Delay | Column::Elapsed => {}
             }
         }
     }

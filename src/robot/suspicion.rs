@@ -300,6 +300,10 @@ fn left_out(f: &mut fmt::Formatter<'_>, cause: &LeftOutCause) -> fmt::Result {
     }
     match cause.what {
         Unmodelled::Friction { term, .. } => write!(f, "add \"{}\" to friction.terms", term.name()),
+        Unmodelled::StribeckSpeed { joint, higher } => {
+            let speed = if higher { "a higher" } else { "a lower" };
+            write!(f, "try {speed} friction.stribeck_speed for joint {}", joint + 1)
+        }
         Unmodelled::Zero { .. } | Unmodelled::Tilt => write!(
             f,
             "some {:.1} degrees; look at the zeros and at model.gravity_m_per_s2",

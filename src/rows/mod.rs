@@ -2,6 +2,7 @@
 
 mod advice;
 mod auto_window;
+mod by_direction;
 mod end_kernel;
 mod error_weights;
 mod first_blocks;

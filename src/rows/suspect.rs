@@ -102,11 +102,11 @@ impl Default for Considered {
     /// The errors of a good installation. Delay: a quarter of the sample period, so that a record
     /// that is one sample late lies within four standard deviations. Gain: 0, because parameters
     /// are in the units that the drive reports. Coulomb friction: 1 % of the input, friction that
-    /// falls with speed: 2 %, offset: 0.1 %. By direction: 0.5 % of the gain, viscous friction of 1 %
-    /// of the input. Inertia: 1 % of the joint's. Viscous friction: 0.03 %
-    /// of the input, and 0.5 % within a back EMF. Resonance: 70 Hz. Drift: 0.6 % in a minute. Zero:
-    /// 1 mrad, 0.06°. Eccentricity: 0.05 mrad, 10″. With motion that shows an error, σ becomes what
-    /// it is without the error; with other motion, σ includes its possible effect.
+    /// falls with speed: 2 %, offset: 0.1 %. By direction: 0.2 % of the gain, viscous friction of
+    /// 0.3 % of the input. Inertia: 1 % of the joint's. Viscous friction: 0.03 % of the input, and
+    /// 0.5 % within a back EMF. Resonance: 70 Hz. Drift: 0.6 % in a minute. Zero: 1 mrad, 0.06°.
+    /// Eccentricity: 0.05 mrad, 10″. With motion that shows an error, σ becomes what it is without
+    /// the error; with other motion, σ includes its possible effect.
     fn default() -> Self {
         Self {
             input_delay_s: None,
@@ -116,8 +116,8 @@ impl Default for Considered {
             offset: 1e-3,
             dead_band: 3e-3,
             spring: 1e-2,
-            gain_by_direction: 5e-3,
-            viscous_by_direction: 1e-2,
+            gain_by_direction: 2e-3,
+            viscous_by_direction: 3e-3,
             inertia: 1e-2,
             viscous: 3e-4,
             friction_in_back_emf: 5e-3,

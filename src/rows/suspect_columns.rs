@@ -13,8 +13,7 @@
 //! | an offset of the input, or a constant force | −s | unit of the input |
 //! | a dead band of the drive, which produces u − a sign u | s ∫ψ sat(u/u₀) | unit of the input |
 //! | a spring, such as a cable | s ∫ψ q | unit of the input per rad or m |
-//! | a drive's gain that differs by the sign of its input | −s ∫ψ abs u | share |
-//! | viscous friction that differs by direction | s ∫ψ abs q̇ | unit of the input per rad/s or m/s |
+//! | gain or viscous friction by direction | see `by_direction.rs` | share; as viscous friction |
 //! | an inertia without weight, such as a rotor's | see `through_drive.rs` | unit of the input per rad/s² or m/s² |
 //! | viscous friction | see `through_drive.rs` | unit of the input per rad/s or m/s |
 //! | an encoder off its centre, which reads q + a sin q or q + a cos q | Σ_k ∂f_i/∂q_k sin q_k, or cos q_k | rad |
@@ -23,9 +22,8 @@
 //! | another scale of an encoder: reads q (1 + a) | Σ_k q_k ∂f_i/∂q_k | share |
 //! | a clock that runs fast | none: it is a change of the parameters (`tempo.rs`) | share |
 //!
-//! Friction that falls with speed (R. Stribeck 1902), a dead band and what differs by direction have
-//! columns only if the model has Coulomb friction; otherwise they would be hard to distinguish from
-//! Coulomb friction. In a block without both directions, what differs by direction is 0. A
+//! Friction that falls with speed (R. Stribeck 1902), a dead band and what differs by direction
+//! have columns only if the model has Coulomb friction, or they would hardly differ from it. A
 //! spring has one at any joint whose model has none, because a weight and an inertia look like it.
 //! There are two columns of friction that falls with speed, with v_s of 0.2 and of 0.8 times the
 //! root mean square of the velocity in the first block that moves: together they approximate any
@@ -43,6 +41,7 @@
 //! The estimator widens its published covariance by the remaining uncertainty of the errors that
 //! have a prior standard deviation ([`Considered`]), and tests for all of them (`score_test.rs`).
 
+use super::by_direction::ByDirection;
 use super::kernel::{Kernels, dot};
 use super::present_terms::{has_jump, has_term};
 use super::spread::{root_mean_square, standard_deviation};
@@ -67,8 +66,6 @@ const RANGE: f64 = 400.0;
 const STANDING: f64 = 3.0;
 /// Ratio of the velocity's root mean square to that of its noise above which a joint moves.
 const MOVING: f64 = 20.0;
-/// Share of the sum of squares that either sign needs for a block to have both directions.
-const BOTH: f64 = 0.05;
 /// v_s of the two columns, as shares of the velocity's root mean square.
 const STRIBECK_SPEEDS: [f64; 2] = [0.2, 0.8];
 
@@ -96,8 +93,8 @@ pub(super) struct SuspectColumns {
     frictions: Vec<[Vec<f64>; 2]>,
     /// sat(u/u₀) and q per equation and sample; empty if no column needs them.
     drives: Vec<[Vec<f64>; 2]>,
-    /// |u| and |q̇|; empty without Coulomb friction.
-    sizes_by_direction: Vec<[Vec<f64>; 2]>,
+    /// Per equation; empty without Coulomb friction.
+    by_direction: Vec<ByDirection>,
     /// Inertias without weight and viscous friction; `None` if the model has parameters for both.
     through_drives: Vec<Option<ThroughDrive>>,
     /// sin q/σ, cos q/σ and 1/σ per joint and sample, σ the standard deviation of the position;
@@ -178,7 +175,10 @@ impl SuspectColumns {
             drives: (jumps.iter().zip(&springs))
                 .map(|(&jumps, &spring)| [room(jumps), room(!spring)])
                 .collect(),
-            sizes_by_direction: jumps.iter().map(|&jumps| [room(jumps), room(jumps)]).collect(),
+            by_direction: (jumps
+                .iter()
+                .map(|&jumps| ByDirection::new(if jumps { capacity } else { 0 })))
+            .collect(),
             through_drives,
             frictions: jumps.iter().map(|&jumps| [room(true), room(jumps)]).collect(),
             turns: (0..plant.joints())
@@ -393,16 +393,12 @@ impl SuspectColumns {
         for (e, &joint) in self.places.inputs.iter().enumerate() {
             let [dead_band, spring] = &mut self.drives[e];
             let dead = (DEAD * self.sizes[joint]).max(f64::MIN_POSITIVE);
-            for (dead_band, u) in dead_band.iter_mut().zip(&signals.u[joint][..len]) {
-                *dead_band = (u / dead).clamp(-1.0, 1.0);
-            }
-            for (spring, q) in spring.iter_mut().zip(&signals.q[joint][..len]) {
-                *spring = *q;
-            }
-            let [inputs, speeds] = &mut self.sizes_by_direction[e];
-            fill_with_sizes(inputs, &signals.u[joint][..len]);
-            fill_with_sizes(speeds, &signals.dq[joint][..len]);
+            let dead_band = dead_band.iter_mut().zip(&signals.u[joint][..len]);
+            dead_band.for_each(|(band, u)| *band = (u / dead).clamp(-1.0, 1.0));
+            let spring = spring.iter_mut().zip(&signals.q[joint][..len]);
+            spring.for_each(|(spring, q)| *spring = *q);
             let (dq, q_std) = (&signals.dq[joint][..len], &q_std[joint][..len]);
+            self.by_direction[e].sense(&signals.u[joint][..len], dq);
             let speed = &mut self.speeds[e];
             let (own, noise) = (root_mean_square(dq), self.velocity_gain * root_mean_square(q_std));
             if own > MOVING * noise {
@@ -451,18 +447,16 @@ impl SuspectColumns {
         put(own + OFFSET, -scale); // ∫ψ = 1
         let [friction, slow_friction] = &self.frictions[e];
         let [dead_band, spring] = &self.drives[e];
-        let [inputs, speeds] = &self.sizes_by_direction[e];
         let shapes = [
             (FRICTION, friction),
             (SLOW_FRICTION, slow_friction),
             (DEAD_BAND, dead_band),
             (SPRING, spring),
-            (GAIN_BY_DIRECTION, inputs),
-            (VISCOUS_BY_DIRECTION, speeds),
+            (GAIN_BY_DIRECTION, &self.by_direction[e].inputs),
+            (VISCOUS_BY_DIRECTION, &self.by_direction[e].speeds),
         ];
         for (place, shape) in shapes {
             if let Some(shape) = shape.get(centre - kernels.half..=centre + kernels.half) {
-                let scale = if place == GAIN_BY_DIRECTION { -scale } else { scale };
                 put(own + place, scale * dot(&kernels.position[0], shape));
             }
         }
@@ -532,19 +526,6 @@ impl SuspectColumns {
             &mut white[..rows]
         });
         whitening.apply_all(Direction::Backward, columns);
-    }
-}
-
-/// Writes |x|, or 0 if x does not have both signs. Of a joint that bears a weight, |u| is u or −u
-/// almost always: what the estimated parameters cannot imitate of it is then only noise, which the
-/// residuals share.
-fn fill_with_sizes(out: &mut [f64], x: &[f64]) {
-    let square = |sum: f64, x: &f64| sum + x * x;
-    let all = x.iter().fold(0.0, square);
-    let positive = x.iter().filter(|x| **x > 0.0).fold(0.0, square);
-    let has_both = positive.min(all - positive) > BOTH * all;
-    for (out, x) in out.iter_mut().zip(x) {
-        *out = if has_both { x.abs() } else { 0.0 };
     }
 }
 

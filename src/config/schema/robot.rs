@@ -141,6 +141,8 @@ table! {
             "Standard deviation of the relative change of friction with the payload";
         zero_rad: f64 = identify.zero_rad, Kind::Real(NOT_NEGATIVE), "rad",
             "Standard deviation of the encoders' zeros and of the direction of gravity";
+        delay_s: f64 = identify.delay_s, Kind::Real(NOT_NEGATIVE), "s",
+            "Standard deviation of the delay of the torques against positions and velocities";
         velocity: VelocityKind = VelocityKind::Differentiated, choice::<VelocityKind>(), "",
             "Where velocities come from while it runs";
         velocity_s: f64 = 0.02, Kind::Real(PART), "s",

@@ -236,8 +236,9 @@ impl RobotCase {
             lengthens: true,
             formed_over_s: Some(VELOCITY_S),
             payload: true,
-            // The zeros of the simulated encoders are those of the URDF.
+            // The zeros of the simulated encoders are those of the URDF, and nothing is late.
             zero_rad: 0.0,
+            delay_s: 0.0,
             ..IdentifyOptions::default()
         }
     }

@@ -167,6 +167,7 @@ fn identifier(robot: &Robot, payload_friction: f64) -> Result<RobotIdentifier, R
         block_s: BLOCK_S,
         friction_walk: 0.0,
         zero_rad: 0.0,
+        delay_s: 0.0,
         payload_friction,
         payload: true,
         ..IdentifyOptions::default()

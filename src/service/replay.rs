@@ -40,8 +40,12 @@ pub fn run(args: &ReplayArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let robot = &config.bus.robot;
     let _only_one = RoleLock::acquire(&domain, robot, Role::Plant)?;
     let mut source = Replay::new(reader, stream_id(), args.teach).map_err(report::unreadable)?;
-    if source.next.is_none() && source.reader.loss().is_none() {
-        return Err(args.span.nothing(&args.input));
+    if source.next.is_none() {
+        // Of a damaged recording, the damage is the reason.
+        return match report::tell_loss(&source.reader.loss()) {
+            Exit::DataLoss => logging::result("0 samples replayed").map(|()| Exit::DataLoss),
+            _ => Err(args.span.nothing(&args.input)),
+        };
     }
 
     let bus = Bus::join(&domain, robot, "replay")?;

@@ -13,6 +13,7 @@ use iceoryx2::pending_response::PendingResponse;
 use iceoryx2::port::{client::Client, server::Server};
 use iceoryx2::prelude::ipc;
 use iceoryx2::service::port_factory::PortFactory as _;
+use iceoryx2::service::port_factory::client::ClientCreateError;
 use std::time::{Duration, Instant};
 
 /// Polling period of a client.
@@ -137,10 +138,13 @@ impl ControlClient {
             return Err(nobody(bus));
         }
         let claim = memory::claim(bus, Topic::Control, sizes::client_bytes())?;
-        let port = service
-            .client_builder()
-            .create()
-            .map_err(|e| bus.topic_error(Topic::Control, format!("cannot ask: {e:?}")))?;
+        let port = service.client_builder().create().map_err(|e| {
+            let problem = match e {
+                ClientCreateError::ExceedsMaxSupportedClients => sizes::FULL.to_owned(),
+                other => format!("cannot ask: {other:?}"),
+            };
+            bus.topic_error(Topic::Control, problem)
+        })?;
         let notifier = bus
             .event(Topic::Control)?
             .notifier_builder()

@@ -325,6 +325,9 @@ impl Bus {
         match opened {
             Ok(service) => Ok(Some(service)),
             Err(RequestResponseOpenError::DoesNotExist | RequestResponseOpenError::IsMarkedForDestruction) => Ok(None),
+            Err(RequestResponseOpenError::ExceedsMaxNumberOfNodes) => {
+                Err(self.topic_error(Topic::Control, control::FULL.to_owned()))
+            }
             Err(e) => Err(self.topic_error(Topic::Control, format!("cannot be opened: {e:?}; {}", advice()))),
         }
     }

@@ -118,6 +118,8 @@ pub(super) mod control {
 
     pub const MAX_CLIENTS: usize = 8;
     pub const MAX_NODES: usize = 12;
+    /// What to say if there is no room for another client.
+    pub const FULL: &str = "as many programs send commands as it has room for, 8: try again when one of them has ended";
     /// iceoryx2's own limits: responses held by a client, messages filled by a port at a time.
     const BORROWED_AND_LOANED: usize = 4;
     /// Largest size of the server's data segment \[bytes\]: each client has a pending request, and

@@ -10,7 +10,7 @@ const COLUMNS: usize = 150;
 /// are not usable come last, with a question mark.
 pub fn block_line(view: &View, changed_t_s: Option<f64>) -> String {
     let mut line = format!(
-        "block {:>4}  {:>9.3} s  {:<14}{}/{} usable",
+        "block {:>4}  {:>9.3} s  {:<13} {}/{} usable",
         view.block, view.t_s, view.state, view.usable, view.parameters
     );
     if let Some(t_s) = changed_t_s {
@@ -87,6 +87,16 @@ mod tests {
             line,
             "block   45     44.999 s  converged     1/1 usable  changed at 44.990 s  inertia=340.08±0.08 kg·m²  mass=170.04±0.04 kg"
         );
+    }
+
+    #[test]
+    fn regress_the_longest_state_does_not_touch_what_follows() {
+        let mut state = state();
+        let mut message = known(1, 170.0, 0.04);
+        message.state = crate::messages::State::PoorlyExcited as u32;
+        state.on_estimate(&message, None, 1);
+        let line = block_line(&state.view(1), None);
+        assert!(line.contains(" poorly_excited 1/1 usable"), "{line}");
     }
 
     #[test]

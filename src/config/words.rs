@@ -54,7 +54,7 @@ const LONGEST: usize = 64;
 pub(super) fn nearest<'a>(word: &str, words: impl Iterator<Item = &'a str>) -> Option<&'a str> {
     words
         .filter(|_| word.len() <= LONGEST)
-        .map(|candidate| (strsim::levenshtein(word, candidate), candidate))
+        .map(|candidate| (strsim::osa_distance(word, candidate), candidate))
         .min()
         .filter(|(distance, candidate)| *distance <= 1 + candidate.len() / 5)
         .map(|(_, candidate)| candidate)

@@ -42,7 +42,7 @@ block_len = "long"
 [[robot]]
 name = "Arm 1"
 [[robot]]
-nam = "arm"
+nmae = "arm"
 [[robot]]
 name = "arm"
 count = 0
@@ -63,7 +63,7 @@ name = "a"
         "dir/cell.toml:2: bus.robt: unknown key; did you mean bus.robot?",
         "dir/cell.toml:4: estimator.block_len: expected a whole number from 1 to",
         "dir/cell.toml:6: robot[1].name: expected a name of 1 to 32 characters a-z 0-9 _ -, got \"Arm 1\" (a string)",
-        "dir/cell.toml:8: robot[2].nam: unknown key; expected \"name\", \"config\" or \"count\"; did you mean name?",
+        "dir/cell.toml:8: robot[2].nmae: unknown key; expected \"name\", \"config\" or \"count\"; did you mean name?",
         "dir/cell.toml:7: robot[2]: expected name = a name of 1 to 32 characters a-z 0-9 _ -, got none",
         "dir/cell.toml:11: robot[3].count: expected a whole number from 1 to 4096, got 0 (a whole number)",
         "dir/cell.toml:14: robot[4].config: expected a path as a string, got 5 (a whole number)",

@@ -208,6 +208,8 @@ impl<R: Read> SamplesCsvReader<R> {
 
 /// True if a file with this beginning was written by [`SamplesCsv`].
 pub fn is_samples_csv(beginning: &[u8]) -> bool {
+    // A spreadsheet puts a mark in front when it saves; the reader skips it.
+    let beginning = beginning.strip_prefix(b"\xef\xbb\xbf").unwrap_or(beginning);
     beginning.starts_with(b"seq,t_ns,flags,signals,")
 }
 
@@ -246,6 +248,11 @@ mod tests {
                 .ends_with(",setpoint_2_rad,input_1_v,input_2_v"),
             "{text}"
         );
+
+        // As a spreadsheet saves it.
+        let marked = format!("\u{feff}{text}");
+        assert!(is_samples_csv(text.as_bytes()) && is_samples_csv(marked.as_bytes()));
+        assert_eq!(read(&marked).unwrap().len(), 1);
 
         let back = read(&text).unwrap();
         assert_eq!(back.len(), 1);

@@ -67,7 +67,7 @@ def identify(
     source: Union[Recording, str, os.PathLike[str], Mapping[str, Any]],
     config: Optional[Union[str, os.PathLike[str]]] = None,
     *,
-    set: Sequence[str] = (),
+    set: Union[str, Sequence[str]] = (),
     plant: Optional[LinearPlant] = None,
     sample_period_s: Optional[float] = None,
 ) -> Identification:
@@ -80,7 +80,7 @@ def identify(
     `plant`: a machine that is defined in Python, whose rows are made from the arrays, samples `sample_period_s` apart, 1 ms by default. Its
     estimator is that of every machine, so `config` and `set` may change what stands in section `estimator`.
     """
-    overrides = list(set)
+    overrides = [set] if isinstance(set, str) else list(set)
     if sample_period_s is not None:
         overrides.append(f"plant.sample_period_s={sample_period_s!r}")
     if plant is not None:

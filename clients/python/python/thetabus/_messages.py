@@ -281,6 +281,8 @@ class Estimate(_Message):
         try:
             return self.names.index(name)
         except ValueError:
+            if name in self.derived:
+                raise KeyError(f"{name!r} is no parameter but follows from them: derived[{name!r}]") from None
             raise KeyError(f"no parameter {name!r}; there are {', '.join(self.names)}") from None
 
     def __getitem__(self, name: Union[str, int]) -> float:

@@ -71,7 +71,7 @@ class Recording:
             "use_ok": raw["use_ok"] == 1,
         }
         count = len(self.names)
-        usable = np.array([members(words, count) for words in raw["usable"]]).reshape(len(raw), count)
+        usable = np.array([members(words, count) for words in raw["usable"]], dtype=bool).reshape(len(raw), count)
         for i, name in enumerate(self.names):
             columns[name], columns[f"{name}_std"] = raw["theta"][:, i], raw["theta_std"][:, i]
             columns[f"{name}_usable"] = usable[:, i] & columns["use_ok"]

@@ -2,6 +2,7 @@
  * torque that is held from sample to sample, its angle read from an encoder of 16 bits. On a real machine, read the drive where this one
  * computes, and leave `consumers` at 0. The optional arguments are the seconds, the domain, the robot, and `fast` for a simulation that waits for one
  * consumer instead of the clock. */
+#define _POSIX_C_SOURCE 200112L /* clock_nanosleep, also with -std=c11 */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>

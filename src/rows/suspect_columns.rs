@@ -415,11 +415,8 @@ impl SuspectColumns {
                 match self.places.jumps[e] {
                     false => {}
                     true if *speed == 0.0 => friction.fill(0.0),
-                    true => {
-                        for (friction, dq) in friction.iter_mut().zip(dq) {
-                            *friction *= (-(dq / (share * *speed)).powi(2)).exp();
-                        }
-                    }
+                    true => (friction.iter_mut().zip(dq))
+                        .for_each(|(friction, dq)| *friction *= (-(dq / (share * *speed)).powi(2)).exp()),
                 }
             }
         }

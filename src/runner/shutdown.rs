@@ -52,6 +52,10 @@ impl Shutdown {
         // The handler's thread receives them; in this thread and its children a signal would
         // interrupt a wait of the bus as a failure.
         signals.thread_block().map_err(failed)?;
+        // A file beyond the limit on files is then a failed write, which is reported, instead of a
+        // death without a word.
+        let too_large: SigSet = [Signal::SIGXFSZ].into_iter().collect();
+        too_large.thread_block().map_err(failed)?;
         Ok(this)
     }
 

@@ -203,14 +203,7 @@ pub(super) fn contradiction(robot: &RobotIdentifier, seq: u64) -> Option<LastErr
 
 /// Velocities that are not the rate of change of the positions, in words.
 pub(super) fn wrong_velocities(robot: &RobotIdentifier, seq: u64) -> Option<LastError> {
-    let (joint, ratio) = robot.wrong_velocities()?;
-    Some(misfit(
-        format_args!(
-            "velocities of joint {} are {ratio:.3} times the rate of change of its positions: check units and sources of both",
-            joint + 1
-        ),
-        seq,
-    ))
+    Some(misfit(format_args!("{}", robot.wrong_velocities()?), seq))
 }
 
 /// A clipped torque, in words.

@@ -16,7 +16,7 @@ use super::model::RobotModel;
 use super::state::{FilteredSample, RobotSample};
 use super::suspicion::RobotSuspicion;
 use super::tree::RobotJoint;
-use super::velocity_ratio::{PIECES, VelocityRatio, wraps};
+use super::velocity_ratio::{PIECES, VelocityRatio, WrongVelocities, wraps};
 use crate::model::MAX_JOINTS;
 use std::f64::consts::PI;
 
@@ -38,6 +38,8 @@ const WHITE: f64 = 0.2;
 const MOVING: f64 = 0.1;
 /// Friction below this share of the torque is ignored.
 const LEAST_FRICTION: f64 = 0.01;
+/// Standard deviation of a delay below which a lag of velocities does no harm \[s\].
+const LEAST_DELAY_S: f64 = 1e-4;
 /// Number of samples in the sums.
 const ENOUGH: usize = 2000;
 
@@ -107,10 +109,14 @@ fn clipped(joint: usize, rest_speed: f64, log: &[RobotSample]) -> Option<RobotSu
 }
 
 impl RobotIdentifier {
-    /// The first joint whose measured velocities are not the rate of change of its positions, and
-    /// their ratio.
-    pub fn wrong_velocities(&self) -> Option<(usize, f64)> {
-        self.velocity_ratios.wrong()
+    /// The first joint whose measured velocities are not the rate of change of its positions.
+    pub fn wrong_velocities(&self) -> Option<WrongVelocities> {
+        // those formed from the positions cannot lag
+        let considered_s = match self.options.formed_over_s {
+            Some(_) => f64::INFINITY,
+            None => self.options.delay_s.max(LEAST_DELAY_S),
+        };
+        self.velocity_ratios.wrong(considered_s)
     }
 
     /// The first joint whose torque is clipped while it moves, with the limit \[N m or N\].
@@ -156,6 +162,10 @@ pub fn judge_robot_fit(identifier: &RobotIdentifier, states: &[FilteredSample]) 
         }
         _ if identifier.is_gain_likelier() => {}
         _ => found.extend(identifier.left_out_cause().map(RobotSuspicion::LeftOut)),
+    }
+    // a wrong ratio is a suspicion about the log
+    if let Some(WrongVelocities::Late { joint, late_s }) = identifier.wrong_velocities() {
+        found.push(RobotSuspicion::Late(WrongVelocities::Late { joint, late_s }));
     }
     found.extend(identifier.doubt().map(RobotSuspicion::Changed));
     found.extend(identifier.wrong_gain().map(RobotSuspicion::Gain));

@@ -18,7 +18,7 @@
 //! z_c² ≤ U_c²/(I_cc x),    x = Σ u²/Σ dᵀΛ_block d over the last blocks,
 //!     u = dᵀ(b − A θ_all) of a block,  d = e_c − v_c                                            (8)
 //! |U_c| less 1.5 |B_c − v_cᵀ B|,    B the bias by errors of the positions                        (9)
-//! P ← P + v_c v_cᵀ (s + (s U_c/x)²),  s = 1/(1/σ_d² + I_cc/x)    over the delay                  (10)
+//! P ← P + v_c v_cᵀ (s + (s U_c/x)²),  s = 1/(1/σ_c² + I_cc/x)    over delay and Stribeck speeds   (10)
 //! ```
 //!
 //! (1) is the efficient score: the part of c that the estimated parameters can imitate is removed.
@@ -50,13 +50,14 @@
 //!
 //! Another speed of Stribeck friction has two columns, with a third and with three times the
 //! speed, which together approximate any between. With twice the speed, Coulomb friction was wrong
-//! by 8 to 27 standard deviations.
+//! by 8 to 27 standard deviations. Its σ_c is [`BENT`] of the Coulomb friction.
 //!
 //! With thirty terms and about a hundred blocks, noise alone names a term in at most one of 1e5
 //! runs; the rest of the margin is for friction that (1) of `friction.rs` does not describe.
 //! Sources: C. R. Rao, Proc. Cambridge Phil. Soc. 44 (1948); K.-Y. Liang, S. Zeger, Biometrika 73
 //! (1986).
 
+use super::friction::FrictionTerm;
 use super::identify::RobotIdentifier;
 use super::learning::friction_misfit;
 use super::left_out_room::{LeftOut, LeftOutCause, ROUNDING};
@@ -81,6 +82,8 @@ const LEAST_ERROR: f64 = 0.0025;
 const TELLING: f64 = 0.2;
 /// Factor on the bias by errors of the positions that is subtracted from a score.
 const ALLOWED: f64 = 1.5;
+/// Standard deviation of the amplitude of another Stribeck speed, as a share of Coulomb friction.
+const BENT: f64 = 0.02;
 /// Standard deviations of a zero or a tilt above which it is named.
 const NOT_CONSIDERED: f64 = 3.0;
 /// Standard deviations allow only for terms whose information is well above rounding.
@@ -124,7 +127,7 @@ impl RobotIdentifier {
             Some(_) => (NAMED.1, HARMFUL.1),
         };
         let is_useless = !self.knows_any();
-        let (n, k) = (self.theta.len(), left_out.terms.len());
+        let (n, k, mut known) = (self.theta.len(), left_out.terms.len(), 0);
         for c in 0..k {
             let LeftOutTerm { what, index, .. } = left_out.terms[c];
             // a term in the rows of several joints is judged by the worst of them
@@ -138,14 +141,15 @@ impl RobotIdentifier {
             let amplitude = score / information; // (2)
             let deviations = (score * amplitude / excess).sqrt(); // (5)
             let is_believed = is_told_apart && deviations > BELIEVED;
-            if what == Unmodelled::Delay && left_out.delay_s > 0.0 {
-                let (precision, mean) = match is_told_apart && excess > 0.0 {
+            if what.has_prior() {
+                let told = match is_told_apart && excess > 0.0 {
                     // (6) has the amplitude itself
                     true if is_believed => (information / excess, 0.0),
                     true => (information / excess, score / excess),
                     false => (0.0, 0.0),
                 };
-                left_out.consider_delay(c, precision, mean);
+                left_out.consider_known(known, c, self.std_of(what, left_out), told);
+                known += 1;
             }
             if !is_believed {
                 continue;
@@ -178,6 +182,19 @@ impl RobotIdentifier {
             }
             left_out.believe(c, amplitude);
         }
+    }
+
+    /// σ_c of (10).
+    fn std_of(&self, what: Unmodelled, left_out: &LeftOut) -> f64 {
+        let Unmodelled::StribeckSpeed { joint, .. } = what else {
+            return left_out.delay_s;
+        };
+        let mut terms = self.model.friction()[joint]
+            .terms
+            .iter()
+            .zip(self.model.friction_of(joint));
+        let coulomb = terms.find(|(term, _)| **term == FrictionTerm::Coulomb);
+        coulomb.map_or(0.0, |(_, i)| BENT * self.theta[i].abs())
     }
 
     /// The effective parameters of θ with terms, and the slopes of the offsets with these.

@@ -30,7 +30,7 @@ impl std::fmt::Display for Unmodelled {
         match self {
             Self::Friction { joint, term } => write!(f, "{} at joint {}", term.phrase(), joint + 1),
             Self::StribeckSpeed { joint, .. } => {
-                write!(f, "another Stribeck speed (stribeck_speed) at joint {}", joint + 1)
+                write!(f, "another stribeck_speed at joint {}", joint + 1)
             }
             Self::Zero { joint } => write!(f, "another zero of the encoder of joint {}", joint + 1),
             Self::Tilt => f.write_str("a tilted base"),
@@ -64,9 +64,10 @@ pub(super) struct LeftOut {
     considered: Vec<f64>,
     /// Standard deviation of zeros and tilts \[rad\].
     pub zero_rad: f64,
-    /// Standard deviation of the delay \[s\], and the effect (10) of the delay on the estimates.
+    /// Standard deviation of the delay \[s\].
     pub delay_s: f64,
-    delay: Vec<f64>,
+    /// The effects (10) on the estimates.
+    partly_known: Vec<f64>,
     /// U, I and ĉ_all.
     pub score: Vec<f64>,
     /// Bias of U by errors of the positions.
@@ -92,7 +93,7 @@ impl LeftOut {
             considered: vec![0.0; considered * n],
             zero_rad,
             delay_s,
-            delay: vec![0.0; n],
+            partly_known: vec![0.0; terms.iter().filter(|term| term.what.has_prior()).count() * n],
             terms,
             found: None,
             shifts: vec![0.0; k * n],
@@ -123,7 +124,7 @@ impl LeftOut {
         self.found = None;
         self.forget_shifts();
         self.considered.fill(0.0);
-        self.delay.fill(0.0);
+        self.partly_known.fill(0.0);
     }
 
     /// Drops the errors (2) after parameters were fixed or freed, because they are of another
@@ -161,7 +162,7 @@ impl LeftOut {
         let n = n.max(1);
         let considered = self.considered.chunks_exact(n);
         let believed = self.shifts.chunks_exact(n).take(self.believed);
-        considered.chain(self.delay.chunks_exact(n)).chain(believed)
+        considered.chain(self.partly_known.chunks_exact(n)).chain(believed)
     }
 
     /// Stores the effect of considered errors on the estimates.
@@ -175,12 +176,14 @@ impl LeftOut {
         }
     }
 
-    /// Stores the effect (10) of the delay c, of which `precision` is I_cc/x and `mean` U_c/x.
-    pub fn consider_delay(&mut self, c: usize, precision: f64, mean: f64) {
+    /// Stores the effect (10) of the `place`th term with a prior, term c: `std` is σ_c, `precision`
+    /// I_cc/x and `mean` U_c/x.
+    pub fn consider_known(&mut self, place: usize, c: usize, std: f64, (precision, mean): (f64, f64)) {
         let n = self.theta.len();
-        let variance = (self.delay_s.powi(-2) + precision).recip(); // (10)
+        let variance = (std.powi(-2) + precision).recip(); // (10)
         let size = (variance + (variance * mean).powi(2)).sqrt(); // (10)
-        for (kept, v) in self.delay.iter_mut().zip(&self.shifts[c * n..(c + 1) * n]) {
+        let kept = &mut self.partly_known[place * n..(place + 1) * n];
+        for (kept, v) in kept.iter_mut().zip(&self.shifts[c * n..(c + 1) * n]) {
             *kept = v * size; // (10)
         }
     }

@@ -44,7 +44,7 @@
 //! | `inquiry`, `gain_columns`, `jump` | whether a drive's gain or an encoder's zero has changed |
 //! | `standard`, `urdf_writer` | physically possible bodies from base parameters; written into the URDF |
 //! | `calibration` | gains of the drives from a known load |
-//! | `velocity`, `velocity_ratio` | velocities from positions; whether measured ones belong to the positions |
+//! | `velocity`, `velocity_ratio` | velocities from positions; whether measured ones are the rate of change of the positions |
 //! | `reference`, `simulator` | motions within limits; a simulated robot in closed loop |
 //! | `motion_table`, `prediction`, `excitation` | a motion as a table; its expected information; informative motions |
 //! | `log`, `fit`, `judge`, `suspicion` | logs in columns; measured and predicted torque; probable mistakes in a log |
@@ -167,4 +167,5 @@ pub use urdf::{Joint, JointKind, Limits, Link, Urdf};
 pub use urdf_prior::{Reversed, UrdfContradiction};
 pub use urdf_writer::{JointValues, LinkValues, write_urdf};
 pub use velocity::{Velocities, median_period_s, with_velocities};
+pub use velocity_ratio::WrongVelocities;
 pub use windows::{TooFarApart, WindowOptions};

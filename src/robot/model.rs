@@ -144,6 +144,11 @@ impl Unmodelled {
         }
     }
 
+    /// True for what is known in advance to be small.
+    pub(super) fn has_prior(self) -> bool {
+        matches!(self, Self::StribeckSpeed { .. } | Self::Delay)
+    }
+
     /// True for what only bends the curve of friction over speed, as every real gear does a little.
     pub(super) fn bends_friction(self) -> bool {
         match self {

@@ -5,6 +5,7 @@ use super::inquiry_room::RobotDoubt;
 use super::left_out_room::LeftOutCause;
 use super::model::Unmodelled;
 use super::urdf_prior::UrdfContradiction;
+use super::velocity_ratio::WrongVelocities;
 use std::f64::consts::{PI, TAU};
 use std::fmt;
 
@@ -55,6 +56,8 @@ pub enum RobotSuspicion {
         /// Ratio of the velocity to the rate of change of the position.
         factor: f64,
     },
+    /// Velocities that are later than the positions.
+    Late(WrongVelocities),
     /// A signal that never changes although the other one shows that the joint moves.
     Constant {
         /// The joint.
@@ -160,6 +163,7 @@ impl fmt::Display for RobotSuspicion {
                 joint + 1
             ),
             Self::LeftOut(ref cause) => left_out(f, cause),
+            Self::Late(what) => write!(f, "{what}; nothing may be used"),
             Self::Changed(doubt) => write!(f, "{doubt}"),
             Self::Gain(what) => write!(f, "{what}; nothing may be used"),
             Self::Contradiction(what) => write!(f, "{what}; nothing may be used"),

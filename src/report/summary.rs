@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fmt;
 
-/// Numbers of samples used, lost and refused in a run.
+/// Numbers of samples used, lost and refused in the last stream of a run.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SampleCounts {
     /// Used.
@@ -16,6 +16,9 @@ pub struct SampleCounts {
     pub missing: u64,
     /// Refused: not finite, out of range, out of order.
     pub rejected: u64,
+    /// Streams so far, this one included: one more for each restart of the publisher.
+    #[serde(default)]
+    pub streams: u64,
 }
 
 /// One parameter at the end of a run; unknown values are null.
@@ -140,11 +143,13 @@ impl Summary {
                 accepted: s.accepted,
                 missing: s.missing,
                 rejected: s.rejected,
+                streams: s.streams,
             },
             (None, Some(e)) => SampleCounts {
                 accepted: e.accepted,
                 missing: e.missing,
                 rejected: e.rejected,
+                streams: 1,
             },
             (None, None) => SampleCounts::default(),
         };
@@ -283,14 +288,18 @@ impl Summary {
             accepted,
             missing,
             rejected,
+            streams,
         } = self.samples;
         write!(
             f,
-            "{} {}, {accepted} samples accepted, {missing} missing, {rejected} rejected; state {}",
+            "{} {}, {accepted} samples accepted, {missing} missing, {rejected} rejected",
             self.blocks,
             if self.blocks == 1 { "block" } else { "blocks" },
-            self.state
         )?;
+        if streams > 1 {
+            write!(f, " in the last of {streams} streams")?;
+        }
+        write!(f, "; state {}", self.state)?;
         if self.state == State::PoorlyExcited.name() {
             let usable = self.parameters.iter().filter(|p| p.usable == Some(true)).count();
             write!(f, " ({})", poorly_excited_words(usable, self.parameters.len()))?;
@@ -403,7 +412,8 @@ mod tests {
             SampleCounts {
                 accepted: 1000,
                 missing: 0,
-                rejected: 0
+                rejected: 0,
+                streams: 1
             }
         );
     }

@@ -50,6 +50,11 @@ const LEAST: usize = 8;
 /// Largest credible relative change of a gain: a load on a vertical axis also scales its force, to
 /// a tenth or to three times. Beyond this the cause stays unclear.
 const CREDIBLE: f64 = 0.5;
+/// Smallest relative change of a gain that is named: a smaller one stands for something else, such
+/// as elastic joints, and the cause stays unclear.
+const NOTABLE: f64 = 0.02;
+/// Largest slip that is named \[rad\]: a larger one would be seen as a jump of the position.
+const UNSEEN_RAD: f64 = 0.1;
 /// Residuals above this many f_j σ_j are not explained.
 const EXPLAINED: f64 = 3.0;
 
@@ -149,8 +154,8 @@ impl RobotIdentifier {
         self.weigh_suspect(watch, broken)?; // (4)
         let by = watch.evidence.extra[0];
         match broken {
-            Suspect::Slip(joint) => Some(RobotDoubt::Slip { joint, by }),
-            Suspect::Gain(joint) if by.abs() < CREDIBLE => Some(RobotDoubt::Gain { joint, by }),
+            Suspect::Slip(joint) if by.abs() < UNSEEN_RAD => Some(RobotDoubt::Slip { joint, by }),
+            Suspect::Gain(joint) if (NOTABLE..CREDIBLE).contains(&by.abs()) => Some(RobotDoubt::Gain { joint, by }),
             _ => unclear,
         }
     }

@@ -170,7 +170,8 @@ impl fmt::Display for RobotSuspicion {
             Self::Unexplained { joint, explained } => write!(
                 f,
                 "the model explains little of joint {}'s torque ({explained:.0} % of its power, without noise), so that nothing may be used: \
-                 look at the sign, unit and columns of its torque and position, and at the axes and frames of the URDF up to it",
+                 a load that changes during the log, or the sign, unit or columns of its torque and position, or axes and frames \
+                 of the URDF up to it",
                 joint + 1
             ),
             Self::Noise { joint, percent } => write!(

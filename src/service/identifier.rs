@@ -53,6 +53,7 @@ pub fn run(args: &IdentifierArgs, shutdown: &Shutdown) -> Result<Exit, Failure> 
     let configs = common.load_robots(&[])?;
     let domain = domain(&configs[0])?;
     super::open_files::raise_limit();
+    configs.iter().try_for_each(make_checkpoint_dir)?;
     let lock = |config: &Config| RoleLock::acquire(&domain, &config.bus.robot, Role::Identifier);
     let _only_ones = configs.iter().map(lock).collect::<Result<Vec<_>, _>>()?;
     let (mut robots, mut setups) = (Vec::with_capacity(configs.len()), Vec::with_capacity(configs.len()));
@@ -107,6 +108,20 @@ pub fn run(args: &IdentifierArgs, shutdown: &Shutdown) -> Result<Exit, Failure> 
         Exit::Interrupted
     } else {
         Exit::Done
+    })
+}
+
+/// Makes the directory of the checkpoints, so that a wrong one is found now and not when a
+/// checkpoint is due.
+fn make_checkpoint_dir(config: &Config) -> Result<(), Failure> {
+    let Some(dir) = &config.checkpoint.dir else {
+        return Ok(());
+    };
+    std::fs::create_dir_all(dir).map_err(|e| {
+        let dir = dir.display();
+        Failure::Usage(format!(
+            "checkpoint.dir: {dir} cannot be made: {e}; name a directory that can be written"
+        ))
     })
 }
 

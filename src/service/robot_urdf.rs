@@ -12,8 +12,8 @@ use crate::node::command::NodeState;
 use crate::pipe::{MAX_TABLE_BYTES, read_text};
 use crate::recording::{Entry, Span};
 use crate::robot::{
-    FrictionTerm, IdentifyOptions, JointValues, LinkValues, RobotIdentifier, RobotModel, Standard, StandardParameters,
-    write_urdf,
+    FrictionTerm, IdentifyOptions, JointValues, LinkValues, RobotIdentifier, RobotModel, RobotParameter, Standard,
+    StandardParameters, write_urdf,
 };
 use serde_json::{Value, json};
 use std::fmt::Write as _;
@@ -43,6 +43,7 @@ pub fn run(args: &UrdfArgs) -> Result<Exit, Failure> {
     let new = write_urdf(&text, &found.header(), &found.links(&fitted), &found.joints(&fitted))
         .map_err(|e| Failure::Usage(format!("{}: {e}", found.config.urdf.display())))?;
     write_new(&args.out, &new)?;
+    found.warn(&args.input);
     match args.format {
         TableFormat::Json => logging::result(&format!("{:#}", found.as_json(&fitted)))?,
         TableFormat::Text => logging::result(found.table(&fitted).trim_end())?,
@@ -173,6 +174,20 @@ impl Found {
 
     fn std(&self, i: usize) -> f64 {
         self.covariance[i * (self.theta.len() + 1)].max(0.0).sqrt()
+    }
+
+    /// Warns if the data hardly inform on the robot's bodies.
+    fn warn(&self, input: &Path) {
+        let bodies = &self.config.model.parameters()[..self.config.model.base().parameters.len()];
+        let is_known = |&(i, own): &(usize, &RobotParameter)| self.std(i) <= KNOWN * own.scale;
+        let known = bodies.iter().enumerate().filter(is_known).count();
+        if 2 * known < bodies.len() {
+            tracing::warn!(
+                "{}: only {known} of the {} parameters of the bodies are known from data; the others are those of the old URDF or uncertain",
+                input.display(),
+                bodies.len()
+            );
+        }
     }
 
     fn header(&self) -> Vec<String> {

@@ -173,6 +173,7 @@ fn regress_the_study_has_the_shipped_robot() {
     assert_eq!(case.model().friction(), config.model.friction());
     let shipped = IdentifyOptions {
         zero_rad: 0.0,
+        delay_s: 0.0,
         payload: config.payload,
         ..config.options
     };

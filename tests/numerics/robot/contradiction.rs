@@ -135,7 +135,7 @@ fn fault_a_wrong_gravity_of_a_scara_or_a_gantry_is_named() {
 fn prop_a_balanced_vertical_axis_is_no_contradiction() {
     for (urdf, mass, seed) in [(SCARA, 1.7, 1), (GANTRY, 9.0, 2)] {
         for part in [0.5, 1.0, 1.3] {
-            let log = simulated(&model(urdf), 40, |options| {
+            let log = simulated(&model(urdf), 80, |options| {
                 (options.seed, options.machine_seed, options.difference) = (seed, seed, 0.15);
                 options.drives[2].offset = -part * mass * 9.81;
             });

@@ -26,7 +26,7 @@ pub(super) struct Run {
     pub dangerous: usize,
     misfits: usize,
     /// Status at the last misfit.
-    words: String,
+    pub(super) words: String,
 }
 
 pub(super) fn simulation(has_rests: bool, seed: u64) -> RobotSimOptions {

@@ -164,9 +164,10 @@ pub fn judge_robot_fit(identifier: &RobotIdentifier, states: &[FilteredSample]) 
         _ => found.extend(identifier.left_out_cause().map(RobotSuspicion::LeftOut)),
     }
     // a wrong ratio is a suspicion about the log
-    if let Some(WrongVelocities::Late { joint, late_s }) = identifier.wrong_velocities() {
-        found.push(RobotSuspicion::Late(WrongVelocities::Late { joint, late_s }));
-    }
+    let late = identifier
+        .wrong_velocities()
+        .filter(|what| matches!(what, WrongVelocities::Late { .. }));
+    found.extend(late.map(RobotSuspicion::Late));
     found.extend(identifier.doubt().map(RobotSuspicion::Changed));
     found.extend(identifier.wrong_gain().map(RobotSuspicion::Gain));
     // if the model does not explain the torques, its moments do not identify the cause

@@ -45,12 +45,12 @@
 //! Systems 3, 1966).
 //!
 //! A delay of the torques, or of measured velocities, is almost viscous friction if a motion
-//! repeats itself: 2 ms made it 4 % wrong, by 11 standard deviations, with z < 4. (10) is (7) with
-//! what the residuals say of the delay.
+//! repeats itself: then z stays below 4 although viscous friction is significantly wrong. (10) is
+//! (7) with what the residuals say of the delay.
 //!
 //! Another speed of Stribeck friction has two columns, with a third and with three times the
-//! speed, which together approximate any between. With twice the speed, Coulomb friction was wrong
-//! by 8 to 27 standard deviations. Its σ_c is [`BENT`] of the Coulomb friction.
+//! speed, which together approximate any between; without them, Coulomb friction would be
+//! significantly wrong. Its σ_c is [`BENT`] of the Coulomb friction.
 //!
 //! With thirty terms and about a hundred blocks, noise alone names a term in at most one of 1e5
 //! runs; the rest of the margin is for friction that (1) of `friction.rs` does not describe.
@@ -127,7 +127,7 @@ impl RobotIdentifier {
             Some(_) => (NAMED.1, HARMFUL.1),
         };
         let is_useless = !self.knows_any();
-        let (n, k, mut known) = (self.theta.len(), left_out.terms.len(), 0);
+        let (n, k, mut place) = (self.theta.len(), left_out.terms.len(), 0);
         for c in 0..k {
             let LeftOutTerm { what, index, .. } = left_out.terms[c];
             // a term in the rows of several joints is judged by the worst of them
@@ -148,8 +148,8 @@ impl RobotIdentifier {
                     true => (information / excess, score / excess),
                     false => (0.0, 0.0),
                 };
-                left_out.consider_known(known, c, self.std_of(what, left_out), told);
-                known += 1;
+                left_out.consider_with_prior(place, c, self.std_of(what, left_out), told);
+                place += 1;
             }
             if !is_believed {
                 continue;

@@ -66,8 +66,8 @@ pub(super) struct LeftOut {
     pub zero_rad: f64,
     /// Standard deviation of the delay \[s\].
     pub delay_s: f64,
-    /// The effects (10) on the estimates.
-    partly_known: Vec<f64>,
+    /// The effects (10) of the terms with a prior on the estimates.
+    with_prior: Vec<f64>,
     /// U, I and ĉ_all.
     pub score: Vec<f64>,
     /// Bias of U by errors of the positions.
@@ -93,7 +93,7 @@ impl LeftOut {
             considered: vec![0.0; considered * n],
             zero_rad,
             delay_s,
-            partly_known: vec![0.0; terms.iter().filter(|term| term.what.has_prior()).count() * n],
+            with_prior: vec![0.0; terms.iter().filter(|term| term.what.has_prior()).count() * n],
             terms,
             found: None,
             shifts: vec![0.0; k * n],
@@ -124,7 +124,7 @@ impl LeftOut {
         self.found = None;
         self.forget_shifts();
         self.considered.fill(0.0);
-        self.partly_known.fill(0.0);
+        self.with_prior.fill(0.0);
     }
 
     /// Drops the errors (2) after parameters were fixed or freed, because they are of another
@@ -162,7 +162,7 @@ impl LeftOut {
         let n = n.max(1);
         let considered = self.considered.chunks_exact(n);
         let believed = self.shifts.chunks_exact(n).take(self.believed);
-        considered.chain(self.partly_known.chunks_exact(n)).chain(believed)
+        considered.chain(self.with_prior.chunks_exact(n)).chain(believed)
     }
 
     /// Stores the effect of considered errors on the estimates.
@@ -178,11 +178,11 @@ impl LeftOut {
 
     /// Stores the effect (10) of the `place`th term with a prior, term c: `std` is σ_c, `precision`
     /// I_cc/x and `mean` U_c/x.
-    pub fn consider_known(&mut self, place: usize, c: usize, std: f64, (precision, mean): (f64, f64)) {
+    pub fn consider_with_prior(&mut self, place: usize, c: usize, std: f64, (precision, mean): (f64, f64)) {
         let n = self.theta.len();
         let variance = (std.powi(-2) + precision).recip(); // (10)
         let size = (variance + (variance * mean).powi(2)).sqrt(); // (10)
-        let kept = &mut self.partly_known[place * n..(place + 1) * n];
+        let kept = &mut self.with_prior[place * n..(place + 1) * n];
         for (kept, v) in kept.iter_mut().zip(&self.shifts[c * n..(c + 1) * n]) {
             *kept = v * size; // (10)
         }

@@ -9,8 +9,8 @@
 //! If the velocities have a wrong unit or scale, viscous friction and inertias are wrong by as
 //! much, and no residual shows it. Noise of the positions makes k smaller and noise of the
 //! velocities makes k′ larger, so a ratio is wrong only if both say so. A filter acts as a lag
-//! does. If velocities lag by 2 ms, viscous friction in a motion that repeats itself is 5 % off. Of
-//! the last pieces, about a thousand count.
+//! does. If velocities lag, inertia and viscous friction absorb it. Of the last pieces, about a
+//! thousand count.
 
 use super::state::RobotSample;
 use super::tree::Robot;

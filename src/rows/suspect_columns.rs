@@ -175,10 +175,10 @@ impl SuspectColumns {
             drives: (jumps.iter().zip(&springs))
                 .map(|(&jumps, &spring)| [room(jumps), room(!spring)])
                 .collect(),
-            by_direction: (jumps
+            by_direction: jumps
                 .iter()
-                .map(|&jumps| ByDirection::new(if jumps { capacity } else { 0 })))
-            .collect(),
+                .map(|&jumps| ByDirection::new(if jumps { capacity } else { 0 }))
+                .collect(),
             through_drives,
             frictions: jumps.iter().map(|&jumps| [room(true), room(jumps)]).collect(),
             turns: (0..plant.joints())

@@ -75,16 +75,27 @@ pub(super) fn run_with(
     machine: &Robot,
     terms: &[FrictionTerm],
     presliding: f64,
-    mut simulation: RobotSimOptions,
+    simulation: RobotSimOptions,
     seconds: usize,
     velocities: Option<VelocityErrors>,
 ) -> Run {
-    let robot = robot(SIX_AXIS);
     let friction = JointFriction {
         terms: terms.to_vec(),
         presliding,
         ..JointFriction::default()
     };
+    run_with_friction(machine, friction, simulation, seconds, velocities)
+}
+
+/// The same with this friction of each joint in the model.
+fn run_with_friction(
+    machine: &Robot,
+    friction: JointFriction,
+    mut simulation: RobotSimOptions,
+    seconds: usize,
+    velocities: Option<VelocityErrors>,
+) -> Run {
+    let robot = robot(SIX_AXIS);
     let model = RobotModel::new(robot, true, vec![friction; 6]).unwrap();
     let options = IdentifyOptions {
         windows: WindowOptions::for_period(1e-3),
@@ -218,6 +229,25 @@ fn fault_drag_and_asymmetric_friction_that_the_model_leaves_out_make_nothing_sur
         println!("modelled: {with:?}");
         assert_eq!(without.dangerous, 0, "{without:?}");
         assert!(with.dangerous == 0 && with.usable > 30, "{with:?}");
+    }
+}
+
+/// The machine's Stribeck friction, a tenth of Coulomb friction, falls over twice the model's speed.
+#[test]
+fn fault_another_stribeck_speed_makes_nothing_surely_wrong() {
+    for (has_rests, seed) in [(false, 1), (true, 2)] {
+        let mut simulation = simulation(has_rests, seed);
+        for drive in &mut simulation.drives {
+            drive.stribeck = 0.1 * drive.coulomb;
+        }
+        let friction = JointFriction {
+            presliding: 1e-4,
+            stribeck_speed: 0.05,
+            ..JointFriction::default()
+        };
+        let run = run_with_friction(&robot(SIX_AXIS), friction, simulation, 75, None);
+        println!("rests {has_rests}, seed {seed}: {run:?}");
+        assert!(run.dangerous == 0 && run.usable > 30, "{run:?}");
     }
 }
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Other estimators on the same data as ours, in one run: benches/peers/run.sh [PAGE.md]
+# Other estimators on the same data as thetabus, in one run: benches/peers/run.sh [PAGE.md]
 #
 # Needs cargo, g++ and python3 with venv, and the package registries for the first time; everything
 # lands in target/peers. Takes 3 minutes on a quiet machine after the build. Writes PAGE.md, or

@@ -56,11 +56,11 @@ def percent(share):
 
 
 def section(job, lines):
-    """Lines are (name, samples, ns a sample, worst, median); the first is ours."""
+    """Lines are (name, samples, ns a sample, worst, median); the first is thetabus."""
     ours, others = lines[0], lines[1:]
     worst, median = ("worst residual", "median residual") if job == "robot" else ("worst error", "median error")
     yield f"\n## {JOBS[job]}\n"
-    yield f"| estimator | samples | ns a sample | × ours | {worst} | {median} |"
+    yield f"| estimator | samples | ns a sample | × thetabus | {worst} | {median} |"
     yield "|:--|--:|--:|--:|--:|--:|"
     for name, samples, each, *errors in lines:
         times, errors = number(each / ours[2]), " | ".join(map(percent, errors))

@@ -67,7 +67,7 @@ fn array(values: &[f64]) -> [f64; MANIPULATOR_PARAMS] {
     std::array::from_fn(|i| values.get(i).copied().unwrap_or(f64::NAN))
 }
 
-/// The block estimator: the paper's variants and ours, by its options.
+/// The block estimator: the paper's variants and thetabus, by its options.
 ///
 /// # Errors
 /// If the options do not fit the arm.

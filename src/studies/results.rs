@@ -125,7 +125,7 @@ pub fn baselines_section(
         forgetting,
         ..cedro2022_estimator()
     };
-    let mut contenders = vec![("ours".to_owned(), Contender::Blocks(ours.clone()))];
+    let mut contenders = vec![("thetabus".to_owned(), Contender::Blocks(ours.clone()))];
     for rule in [
         Forgetting::Exponential,
         Forgetting::BoundedAsPrinted,

@@ -1,7 +1,7 @@
 //! How close estimators come to the smallest possible error: the tables of docs/efficiency.md.
 //!
 //! ```text
-//! simulated run ─▶ samples as the bus has them ─┬▶ ours, as shipped
+//! simulated run ─▶ samples as the bus has them ─┬▶ thetabus, as shipped
 //!                                               ├▶ a Kalman filter with θ in its state
 //!                                               └▶ off line: prediction errors, output errors,
 //!                                                  least squares, instrumental variables

@@ -1,5 +1,5 @@
 //! A six-axis robot from a log of positions, velocities and torques: the logs for all programs, and
-//! ours on them.
+//! thetabus on them.
 //!
 //! `robot_train.csv` is what a drive reports over 40 s, `robot_judge.csv` another motion, low-pass
 //! filtered and differentiated once for all: how well the parameters of the first predict the
@@ -42,7 +42,7 @@ fn log(robot: &Robot, seed: u64) -> Result<Vec<RobotSample>, Failure> {
         .collect())
 }
 
-/// Writes the logs and prints the line of ours: worst and median relative residual of the torques
+/// Writes the logs and prints the line of thetabus: worst and median relative residual of the torques
 /// over the joints.
 pub fn run(folder: &Path) -> Result<(), Failure> {
     let robot = Robot::from_urdf(URDF, &Selection::default())?;

@@ -164,7 +164,7 @@ table! {
     /// Section `[checkpoint]`.
     Checkpoint {
         dir: Option<String> = None, Kind::Path, "",
-            "Directory of the checkpoints, which must exist; not set: none are written, and --warm is refused";
+            "Directory of the checkpoints, made if it is missing; not set: none are written, and --warm is refused";
         period_s: f64 = 10.0, Kind::Real(Interval::closed(0.1, 1e6)), "s",
             "Time from one checkpoint to the next; another is written at the end, and on `thetabus ctl save`";
     }

@@ -1,4 +1,5 @@
-// A controller that uses estimates, for the arm of config/adaptive.toml: what the program `controller` does, in one file to begin your own with. Ctrl-C ends it; the
+// A controller that uses estimates, for the arm of config/adaptive.toml, in one file to begin your own with. It does what the program `controller` does, but takes
+// only values that are usable; the program also takes others if use_ok is 1 and their standard deviation is at most controller.max_std of them. Ctrl-C ends it; the
 // optional arguments are the domain and the robot.
 //
 //     identifier --config config/adaptive.toml & plant_simulator --config config/adaptive.toml --speed 1 & controller_cpp

@@ -1,4 +1,5 @@
-"""A controller that uses estimates, for the arm of config/adaptive.toml: what the program `controller` does, to begin your own with.
+"""A controller that uses estimates, for the arm of config/adaptive.toml, to begin your own with. It does what the program `controller` does, but takes only
+values that are `usable`; the program also takes others if `use_ok` is 1 and their standard deviation is at most `controller.max_std` of them.
 
     identifier --config config/adaptive.toml & plant_simulator --config config/adaptive.toml --speed 1 & python controller.py
 

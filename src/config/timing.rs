@@ -1,8 +1,7 @@
 //! Behaviour of the input between samples, on which identifier and simulated controller must agree.
 //!
-//! Confusing the two shifts the input by half a sample period, 0.5 ms at 1 kHz. With
-//! `config/encoder_only.toml`, one mass, the errors are 435 % of θ₃ and 18 % of θ₉ if the analog
-//! controller is taken for a sampled one, and all of θ₃ and 19 % of θ₉ the other way round.
+//! Confusing the two shifts the input by half a sample period, which acts as a delay of 0.5 ms at
+//! 1 kHz (docs/encoder-results.md, "An input that acts late").
 
 use super::check::Check;
 use super::choice::Choice;

@@ -91,7 +91,7 @@ enum Command {
     /// The controller on its own: feed-forward from estimates onto the bus
     #[command(after_help = EXIT_CODES)]
     Controller(ControllerArgs),
-    /// The monitor on its own: logs the estimates, and keeps them
+    /// The monitor on its own: logs and stores the estimates
     #[command(after_help = EXIT_CODES)]
     Monitor(MonitorArgs),
 }
@@ -127,7 +127,7 @@ enum ConfigCommand {
     /// URDF
     #[command(after_help = EXIT_CODES)]
     New {
-        /// The file, which must not exist; NAME.toml here without it
+        /// The file, which must not exist; without it, NAME.toml in this directory
         #[arg(value_name = "FILE")]
         file: Option<PathBuf>,
         /// The configuration to begin with

@@ -60,7 +60,7 @@ pub enum CtlCommand {
         #[arg(value_name = "VALUE", allow_negative_numbers = true)]
         value: Option<f64>,
     },
-    /// Estimate a parameter again that was held
+    /// Estimate a held parameter again
     Free {
         /// Name of the parameter
         #[arg(value_name = "PARAMETER")]

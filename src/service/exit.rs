@@ -10,8 +10,8 @@ use std::time::Duration;
 pub const EXIT_CODES: &str = "Exit codes:\n  \
     0    done, or a service ended by a signal\n  \
     1    failed\n  \
-    2    wrong usage or configuration\n  \
-    3    finished, but data were lost\n  \
+    2    wrong usage or configuration, or too few samples for a block\n  \
+    3    finished, but data were lost or rejected, or a signal ended `identify` early\n  \
     130  ended by a second signal, half a second or more after the first";
 
 /// Exit code of a launched process that was [interrupted](Exit::Interrupted): 128 + SIGTERM, as in

@@ -9,10 +9,10 @@ use std::path::{Path, PathBuf};
 /// A part of a recording.
 #[derive(Debug, Clone, Default, Args)]
 pub struct SpanArgs {
-    /// Leave out what came before this stream time
+    /// Leave out what was sampled before this stream time
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     pub from: Option<f64>,
-    /// Leave out what came after this stream time
+    /// Leave out what was sampled after this stream time
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     pub to: Option<f64>,
 }
@@ -115,10 +115,10 @@ pub struct ExportArgs {
 
 /// `thetabus identify`.
 #[derive(Debug, Clone, Args)]
-#[command(mut_arg("config", |arg| arg.help("Configuration file; repeatable, later files override earlier ones key by key. Default: the recording's own configuration; for a log, config/encoder_only.toml, built in")))]
+#[command(mut_arg("config", |arg| arg.help("Configuration file; repeatable, later files override earlier ones, and the recording's own configuration, key by key. Default for a log: config/encoder_only.toml, built in")))]
 pub struct IdentifyArgs {
-    /// Directory of results, recording, or log. A recording has its own configuration, which holds
-    /// if --config and --set are not given; section log names the columns of a log
+    /// Directory of results, recording, or log. A recording has its own configuration, which
+    /// --config and --set override key by key; section log names the columns of a log
     #[arg(value_name = "DIR|RECORDING|LOG.csv")]
     pub input: PathBuf,
     /// Directory for estimates.csv, summary.json and the report, new or empty; none are written
@@ -145,7 +145,7 @@ pub struct IdentifyArgs {
 
 /// `thetabus replay`.
 #[derive(Debug, Clone, Args)]
-#[command(mut_arg("config", |arg| arg.help("Configuration file; repeatable, later files override earlier ones key by key. Default: the recording's own configuration")))]
+#[command(mut_arg("config", |arg| arg.help("Configuration file; repeatable, later files override earlier ones, and the recording's own configuration, key by key")))]
 pub struct ReplayArgs {
     /// Directory of results, or recording
     #[arg(value_name = "DIR|RECORDING")]

@@ -85,7 +85,7 @@ fn words(rows: &ProjectedOptions, auto: bool, window_s: f64, reached_hz: f64) ->
         )
     } else if stride_s > apart_s * (1.0 + 1e-9) {
         format!(
-            "{reached}; windows of {} ms tell all of it if they are {} ms apart or less, and identifier.projected.stride_s is {} ms",
+            "{reached}; windows of {} ms resolve it if they are {} ms apart or less, and identifier.projected.stride_s is {} ms",
             ms(window_s),
             ms(apart_s),
             ms(stride_s)

@@ -228,7 +228,7 @@ fn table_of(config: &RobotConfig, expected: &Expected, forecast: &[ParameterFore
     for (p, forecast) in config.model.parameters().iter().zip(forecast) {
         let part = match forecast.is_told {
             true => format!("{:.1} %", 100.0 * forecast.std / forecast.size),
-            false => "not told".to_owned(),
+            false => "unknown".to_owned(),
         };
         if !forecast.is_told {
             untold.push(p.name.as_str());
@@ -241,10 +241,10 @@ fn table_of(config: &RobotConfig, expected: &Expected, forecast: &[ParameterFore
     }
     let _ = writeln!(text, "\nexpected: {}", expected.source);
     let _ = match untold.is_empty() {
-        true => writeln!(text, "the motion tells all {} parameters", forecast.len()),
+        true => writeln!(text, "the motion determines all {} parameters", forecast.len()),
         false => writeln!(
             text,
-            "the motion tells {} of {} parameters; not {}",
+            "the motion determines {} of {} parameters; not {}",
             forecast.len() - untold.len(),
             forecast.len(),
             untold.join(", ")

@@ -112,7 +112,7 @@ pub fn run(args: &RunArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let samples = &summary.samples;
     if samples.rejected > samples.accepted {
         tracing::error!(
-            "{} of {} samples were rejected; `thetabus identify {}` tells why",
+            "{} of {} samples were rejected; `thetabus identify {}` says why",
             samples.rejected,
             samples.accepted.saturating_add(samples.rejected),
             dir.display()

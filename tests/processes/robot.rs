@@ -245,7 +245,7 @@ fn e2e_a_designed_motion_is_played_and_its_result_is_written_into_the_urdf() {
     excite.expect_code(0);
     let said = excite.stdout();
     assert!(
-        said.contains("coulomb_6") && said.contains("the motion tells"),
+        said.contains("coulomb_6") && said.contains("the motion determines"),
         "{said}"
     );
     // Nothing is written over.
@@ -261,7 +261,7 @@ fn e2e_a_designed_motion_is_played_and_its_result_is_written_into_the_urdf() {
     check.expect_code(0);
     let told = |said: &str| {
         said.lines()
-            .find(|line| line.starts_with("the motion tells"))
+            .find(|line| line.starts_with("the motion determines"))
             .map(str::to_owned)
     };
     assert_eq!(told(&check.stdout()), told(&said));

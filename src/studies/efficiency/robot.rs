@@ -50,7 +50,7 @@ pub enum RobotRunError {
     #[error("the simulated robot is lost")]
     Lost,
     /// The information of the run cannot be inverted.
-    #[error("the run tells nothing")]
+    #[error("the run determines no parameter")]
     Uninformative,
 }
 

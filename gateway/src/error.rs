@@ -67,6 +67,44 @@ impl GatewayError {
 pub fn network<E: std::fmt::Display>(action: &'static str) -> impl FnOnce(E) -> GatewayError {
     move |problem| GatewayError::Network {
         action,
-        problem: problem.to_string(),
+        problem: words(problem),
+    }
+}
+
+/// What zenoh says, without the lines of its source that it says it in: ` at /…/lib.rs:62.`
+pub fn words(error: impl std::fmt::Display) -> String {
+    let mut text = error.to_string();
+    while let Some(end) = text.find(".rs:") {
+        let Some(start) = text[..end].rfind(" at ") else { break };
+        let rest = text[end + ".rs:".len()..].trim_start_matches(|c: char| c.is_ascii_digit());
+        text = format!("{}{}", &text[..start], rest.strip_prefix('.').unwrap_or(rest));
+    }
+    text.trim_end().to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn prop_words_of_zenoh_have_no_lines_of_its_source() {
+        for (text, left) in [
+            (
+                "invalid port value at /home/u/.cargo/registry/src/index-1/zenoh-1/src/lib.rs:62.",
+                "invalid port value",
+            ),
+            (
+                "Missing key. at /a b/utils.rs:532. at /a/unicast.rs:426. - Caused by no file at /c/d.rs:7.",
+                "Missing key. - Caused by no file",
+            ),
+            (
+                "bound to tcp/8.8.8.8:7447: [8.8.8.8:7447: no such address at /a/tcp.rs:61.] at /a/b.rs:338.",
+                "bound to tcp/8.8.8.8:7447: [8.8.8.8:7447: no such address]",
+            ),
+            ("refused at once", "refused at once"),
+            ("see x.rs:5", "see x.rs:5"),
+        ] {
+            assert_eq!(words(text), left);
+        }
     }
 }

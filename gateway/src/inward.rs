@@ -15,7 +15,7 @@ use crate::network::{self, NetworkArgs, Part};
 use crate::refusals::{Lines, Refusals};
 use crate::remote_robot::{RETRY_AFTER, RemoteRobot};
 use crate::tally::{HEAD, say};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -42,7 +42,7 @@ pub struct InArgs {
     #[arg(long)]
     pub from: Option<String>,
     /// Robot; may be repeated [default: all]
-    #[arg(long)]
+    #[arg(long, value_parser = keys::robot)]
     pub robot: Vec<String>,
     /// Bring in the samples, too, if their host sends them
     #[arg(long)]
@@ -51,11 +51,16 @@ pub struct InArgs {
     #[arg(long)]
     pub no_control: bool,
     /// Largest number of robots; each takes some megabytes of shared memory
-    #[arg(long, default_value_t = 64)]
+    #[arg(long, default_value_t = 64, value_parser = at_least_one)]
     pub max_robots: usize,
     /// How the network is reached
     #[command(flatten)]
     pub network: NetworkArgs,
+}
+
+fn at_least_one(text: &str) -> Result<usize, String> {
+    let number = text.parse().ok().filter(|number| *number > 0);
+    number.ok_or_else(|| "expected a number of robots, 1 or more".to_owned())
 }
 
 /// What zenoh's threads have for this one.
@@ -165,8 +170,8 @@ pub fn run(args: &InArgs, stop: &AtomicBool) -> Result<(), GatewayError> {
 /// Subscribes to what is wanted and nothing else, so that nothing else is sent.
 fn subscribe(session: &Session, from: Option<&Host>, args: &InArgs, put: &Inbox) -> Result<(), GatewayError> {
     let host = from.map_or("*", Host::name);
-    let robots: Vec<&str> = match &args.robot[..] {
-        [] => vec!["*"],
+    let robots: BTreeSet<&str> = match &args.robot[..] {
+        [] => BTreeSet::from(["*"]),
         named => named.iter().map(String::as_str).collect(),
     };
     for robot in robots {

@@ -49,6 +49,17 @@ impl Host {
     }
 }
 
+/// A robot as the command line has it.
+///
+/// # Errors
+/// What was expected.
+pub fn robot(text: &str) -> Result<String, String> {
+    match is_name(text) {
+        true => Ok(text.to_owned()),
+        false => Err("expected 1 to 32 characters of [a-z0-9_-]".to_owned()),
+    }
+}
+
 /// Key of a robot's topic, of its token, or of all that it has: `last` is the topic's name,
 /// [`ALIVE`], or `*`. `host` and `robot` may be `*`.
 pub fn key(host: &str, robot: &str, last: &str) -> String {

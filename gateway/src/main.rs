@@ -11,6 +11,7 @@ mod inward;
 mod keys;
 mod latest;
 mod load;
+mod log;
 mod network;
 mod out;
 mod questions;
@@ -63,7 +64,7 @@ fn main() -> ExitCode {
         .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("error,thetabus=info,thetabus_gateway=info"));
     tracing_subscriber::fmt()
         .with_env_filter(filter)
-        .with_writer(std::io::stderr)
+        .with_writer(log::Log::default())
         .with_ansi(std::io::stderr().is_terminal())
         .with_target(false)
         .log_internal_errors(false)

@@ -4,7 +4,7 @@
 //! GiB. Here nothing of that holds unless the user's own file says so: the file is laid over the
 //! defaults below, key by key, and endpoints of the command line over both.
 
-use crate::error::{GatewayError, network};
+use crate::error::{GatewayError, network, words};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -19,21 +19,68 @@ const FIRST_PAUSE: Duration = Duration::from_millis(250);
 const LONGEST_PAUSE: Duration = Duration::from_secs(4);
 /// Period of checking for a stop meanwhile.
 const LOOK: Duration = Duration::from_millis(50);
+/// The same during an attempt, which takes milliseconds if all is well.
+const FIRST_LOOK: Duration = Duration::from_millis(2);
 
 /// How the network is reached.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct NetworkArgs {
     /// Endpoint of a router or gateway, for example tcp/10.0.0.5:7447 or tls/router.example:7447;
     /// may be repeated
-    #[arg(long, value_name = "ENDPOINT")]
+    #[arg(long, value_name = "ENDPOINT", value_parser = endpoint)]
     pub connect: Vec<String>,
     /// Endpoint to listen on, for example tcp/10.0.0.4:7447; may be repeated
-    #[arg(long, value_name = "ENDPOINT")]
+    #[arg(long, value_name = "ENDPOINT", value_parser = endpoint)]
     pub listen: Vec<String>,
     /// zenoh's own configuration, JSON5: TLS, user and password, access control
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
 }
+
+/// An endpoint as the command line or a file has it.
+///
+/// # Errors
+/// What was expected.
+pub fn endpoint(text: &str) -> Result<String, String> {
+    let is_port = |port: &str| port.parse::<u16>().is_ok();
+    let address = text.strip_prefix("tcp/").or_else(|| text.strip_prefix("tls/"));
+    // Behind these are zenoh's own settings of a link.
+    let address = address.and_then(|address| address.split(['?', '#']).next());
+    match address.and_then(|address| address.rsplit_once(':')) {
+        Some((host, port)) if is_host(host) && is_port(port) => Ok(text.to_owned()),
+        _ => Err(format!(
+            "expected tcp/ADDRESS:PORT or tls/ADDRESS:PORT, for example {LOOPBACK} or tls/router.example:7447"
+        )),
+    }
+}
+
+/// Whether this may be an address: a name, or four numbers, or in brackets one of IPv6.
+fn is_host(host: &str) -> bool {
+    match host.strip_prefix('[') {
+        Some(six) => six.strip_suffix(']').is_some_and(|six| !six.is_empty()),
+        None => !host.is_empty() && !host.contains([':', '/', '[', ']', ',', ';', ' ']),
+    }
+}
+
+/// All endpoints of a section, whatever lists they are in.
+fn endpoints(value: &Value) -> Vec<&str> {
+    match value {
+        Value::String(text) => vec![text],
+        Value::Array(list) => list.iter().flat_map(endpoints).collect(),
+        Value::Object(modes) => modes.values().flat_map(endpoints).collect(),
+        _ => Vec::new(),
+    }
+}
+
+/// Keys that name a file to read.
+const FILES: [&str; 6] = [
+    "/transport/auth/usrpwd/dictionary_file",
+    "/transport/link/tls/root_ca_certificate",
+    "/transport/link/tls/listen_private_key",
+    "/transport/link/tls/listen_certificate",
+    "/transport/link/tls/connect_private_key",
+    "/transport/link/tls/connect_certificate",
+];
 
 /// What a program is if its user says nothing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -100,7 +147,21 @@ fn read(path: &Path) -> Result<Value, GatewayError> {
     let file: Value = json5::from_str(&text).map_err(|e| wrong(e.to_string()))?;
     // By itself, so that what is wrong is said of the file and not hidden by what is laid over it.
     match Config::from_json5(&file.to_string()) {
-        Ok(_) if file.is_object() => Ok(file),
+        Ok(_) if file.is_object() => {
+            for section in ["connect", "listen"] {
+                for text in endpoints(&file[section]["endpoints"]) {
+                    endpoint(text).map_err(|problem| wrong(format!("{section}.endpoints: {text:?}: {problem}")))?;
+                }
+            }
+            for key in FILES {
+                if let Some(Value::String(name)) = file.pointer(key) {
+                    let key = key.trim_start_matches('/').replace('/', ".");
+                    // zenoh would say of some that it cannot connect, and try again.
+                    std::fs::File::open(name).map_err(|e| wrong(format!("{key}: {name}: {e}")))?;
+                }
+            }
+            Ok(file)
+        }
         Ok(_) => Err(wrong("no object".into())),
         Err(e) => Err(wrong(words(e))),
     }
@@ -138,12 +199,6 @@ pub fn merged(args: &NetworkArgs, part: Part) -> Result<Value, GatewayError> {
     Ok(config)
 }
 
-/// What zenoh says, without the line of its source that it says it in.
-fn words(error: impl std::fmt::Display) -> String {
-    let text = error.to_string();
-    text.split(" at /").next().unwrap_or(&text).trim_end().to_owned()
-}
-
 /// Opens the session; tries again until it succeeds or `stop` is set, then `None`.
 ///
 /// # Errors
@@ -158,12 +213,15 @@ pub fn open(args: &NetworkArgs, part: Part, stop: &AtomicBool) -> Result<Option<
         if stop.load(Ordering::Relaxed) {
             return Ok(None);
         }
-        match zenoh::open(config.clone()).wait() {
+        let Some(opened) = attempt(&config, stop) else {
+            return Ok(None);
+        };
+        match opened {
             Ok(session) => return Ok(Some(session)),
             Err(e) if is_client => {
                 if !is_told {
                     tracing::warn!(
-                        "not connected to {}: {}; trying on",
+                        "not connected to {}: {}; trying on. Nobody listens there, or user, password or certificate are refused",
                         merged["connect"]["endpoints"],
                         words(e)
                     );
@@ -175,9 +233,29 @@ pub fn open(args: &NetworkArgs, part: Part, stop: &AtomicBool) -> Result<Option<
                 }
                 pause = LONGEST_PAUSE.min(2 * pause);
             }
-            Err(e) => return Err(network("opening the session")(e)),
+            Err(e) => {
+                let at = &merged["listen"]["endpoints"];
+                return Err(network("opening the session")(format!(
+                    "listening on {at}: {}",
+                    words(e)
+                )));
+            }
         }
     }
+}
+
+/// One attempt; `None` if `stop` was set meanwhile. Whoever accepts and says nothing keeps zenoh for
+/// 10 s, so a thread of its own waits, which ends with the process.
+fn attempt(config: &Config, stop: &AtomicBool) -> Option<zenoh::Result<Session>> {
+    let config = config.clone();
+    let opening = std::thread::spawn(move || zenoh::open(config).wait());
+    while !opening.is_finished() {
+        if stop.load(Ordering::Relaxed) {
+            return None;
+        }
+        std::thread::sleep(FIRST_LOOK);
+    }
+    Some(opening.join().unwrap_or_else(|_| Err("zenoh panicked".into())))
 }
 
 #[cfg(test)]
@@ -240,7 +318,15 @@ mod tests {
     #[test]
     fn fault_a_file_that_is_none_of_zenohs_is_refused_with_its_name() {
         let stop = AtomicBool::new(false);
-        for text in ["[]", "{ mode: ", "{ connect: 7 }", "{ no_such_key: 1 }"] {
+        for text in [
+            "[]",
+            "{ mode: ",
+            "{ connect: 7 }",
+            "{ no_such_key: 1 }",
+            "{ listen: { endpoints: { peer: ['udp/127.0.0.1:7447'] } } }",
+            "{ transport: { link: { tls: { root_ca_certificate: '/nowhere/ca.pem' } } } }",
+            "{ transport: { auth: { usrpwd: { dictionary_file: '/nowhere/users' } } } }",
+        ] {
             let (file, args) = with_file(text);
             let error = open(&args, Part::Guest, &stop).expect_err("refused");
             let name = file.path().display().to_string();
@@ -251,5 +337,38 @@ mod tests {
             ..NetworkArgs::default()
         };
         assert!(open(&args, Part::Guest, &stop).expect_err("missing").is_usage());
+    }
+
+    #[test]
+    fn fault_endpoints_that_are_none_are_refused_with_what_was_expected() {
+        for good in [
+            LOOPBACK,
+            "tls/router.example:7447",
+            "tcp/[::1]:0",
+            "tcp/10.0.0.4:7447#iface=eth0",
+        ] {
+            assert_eq!(endpoint(good).as_deref(), Ok(good));
+        }
+        for wrong in [
+            "",
+            "nonsense",
+            "127.0.0.1:7447",
+            "tcp/",
+            "tcp/127.0.0.1",
+            "tcp/:7447",
+            "tcp/127.0.0.1:",
+            "tcp/127.0.0.1:99999",
+            "tcp/::1:7447",
+            "tcp/[]:7447",
+            "udp/127.0.0.1:7447",
+            "tcp//a:1",
+            "tcp/a:1,tcp/b:2",
+        ] {
+            let error = endpoint(wrong).expect_err(wrong);
+            assert!(
+                error.contains("tcp/ADDRESS:PORT") && error.contains(LOOPBACK),
+                "{error}"
+            );
+        }
     }
 }

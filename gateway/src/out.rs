@@ -43,7 +43,7 @@ pub struct OutArgs {
     #[arg(long, default_value = "default")]
     pub domain: String,
     /// Robot; may be repeated
-    #[arg(long, default_value = "arm")]
+    #[arg(long, default_value = "arm", value_parser = keys::robot)]
     pub robot: Vec<String>,
     /// This host's name in the keys, [a-z0-9_-]{1,32} [default: the system's]
     #[arg(long)]

@@ -177,10 +177,18 @@ fn fault_garbage_on_the_network_is_left_out_and_told() {
 #[test]
 fn fault_wrong_usage_is_told_with_what_to_do() {
     let site = Site::new();
+    let file = site.file("wrong.json5", "{ connect: { endpoints: ['udp/127.0.0.1:7447'] } }");
+    let expected = "expected tcp/ADDRESS:PORT or tls/ADDRESS:PORT, for example tcp/127.0.0.1:7447";
     for (args, words) in [
         (vec!["out", "--host", "Cell 1"], "[a-z0-9_-]"),
         (vec!["out", "--robot", "no robot"], "[a-z0-9_-]"),
+        (vec!["in", "--robot", "arm", "--robot", "*"], "[a-z0-9_-]"),
         (vec!["in", "--from", "*"], "--host"),
+        (vec!["in", "--connect", "nonsense"], expected),
+        (vec!["out", "--listen", "tcp/127.0.0.1:99999"], expected),
+        (vec!["route", "--listen", "udp/127.0.0.1:7447"], expected),
+        (vec!["out", "--config", &file], expected),
+        (vec!["in", "--max-robots", "0"], "a number of robots, 1 or more"),
         (
             vec!["route", "--config", "/nowhere/zenoh.json5"],
             "/nowhere/zenoh.json5",
@@ -194,7 +202,16 @@ fn fault_wrong_usage_is_told_with_what_to_do() {
         };
         let (code, _, log) = gateway(&args).wait();
         assert_eq!(code.code(), Some(2), "{log}");
-        assert!(log.contains(words), "{log}");
+        assert!(log.contains(words) && !log.contains(".rs"), "{log}");
+    }
+    // What only the system knows to be wrong.
+    for (args, words) in [
+        (["route", "--listen", "tls/127.0.0.1:1"], "TLS private key"),
+        (["route", "--listen", "tcp/256.1.1.1:7447"], "tcp/256.1.1.1:7447"),
+    ] {
+        let (code, _, log) = gateway(&args).wait();
+        assert_eq!(code.code(), Some(1), "{log}");
+        assert!(log.contains(words) && !log.contains(".rs"), "{log}");
     }
 }
 

@@ -17,7 +17,7 @@ use crate::questions::Questions;
 use crate::tally::{HEAD, Tally, say};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{SyncSender, sync_channel};
+use std::sync::mpsc::{SyncSender, TrySendError, sync_channel};
 use std::time::{Duration, Instant};
 use thetabus::bus::{Bus, Domain, IDLE_TICK, Latched, SampleSubscriber, Subscriber, Topic, monotonic_ns};
 use thetabus::messages::{Description, Estimate, Journal, SCHEMA_VERSION, Sample, Status};
@@ -168,7 +168,7 @@ impl OutRobot {
             status,
             journal,
             samples,
-            questions: (!args.no_control).then(|| Questions::new(bus, asked)),
+            questions: (!args.no_control).then(|| Questions::new(host.name(), bus, asked)),
             latest,
             _queryable: queryable,
             _alive: alive,
@@ -227,8 +227,9 @@ fn answer(
     let queryable = session.declare_queryable(all).callback(move |query| match &control {
         // A question that merely includes control among others is none to it.
         Some((key, asks)) if query.key_expr().as_str() == key => {
-            if let Err(e) = asks.try_send(query) {
-                tracing::warn!("a command was refused, too many wait: {e}");
+            if let Err(TrySendError::Full(query) | TrySendError::Disconnected(query)) = asks.try_send(query) {
+                // Not in the log, which others could fill.
+                let _ = query.reply_err("too many commands wait").wait();
             }
         }
         _ => latest.answer(&query, &host, &robot),

@@ -20,8 +20,13 @@ use zenoh::{Session, Wait};
 
 /// A robot whose role another program holds is tried again after this time.
 pub const RETRY_AFTER: Duration = Duration::from_secs(2);
-/// The other gateway answers for the identifier within its own patience.
-const CONTROL_LIMIT: Duration = questions::PATIENCE.saturating_add(Duration::from_secs(1));
+/// The other gateway answers for the identifier within its own patience, and the network takes its
+/// time. `ctl` waits for 3 s: whoever asks gets the gateway's words.
+const CONTROL_LIMIT: Duration = questions::PATIENCE.saturating_add(Duration::from_millis(500));
+/// From the first message that is missing until the log tells: statuses come twice a second.
+const SETTLED: Duration = Duration::from_secs(1);
+/// Shortest time between two lines about what is missing.
+const LOSSES_EVERY: Duration = Duration::from_secs(10);
 /// Requests taken at a time.
 const REQUESTS_AT_A_TIME: usize = 8;
 
@@ -162,10 +167,14 @@ fn answer(replies: &FifoChannelHandler<Reply>, host: &str) -> Option<Response> {
         Ok(Some(reply)) => Some(match reply.result() {
             Ok(sample) => from_cdr(&sample.payload().to_bytes(), Dimensions::ALL)
                 .unwrap_or_else(|e| failed(&format!("host {host} answered what is {e}"))),
-            Err(error) => failed(&format!(
-                "host {host}: {}",
-                String::from_utf8_lossy(&error.payload().to_bytes())
-            )),
+            Err(error) => match &*error.payload().to_bytes() {
+                // zenoh's own word.
+                b"Timeout" => failed(&format!(
+                    "host {host} did not answer within {} s: its gateway hangs or is stopped, or the network fails",
+                    CONTROL_LIMIT.as_secs_f64()
+                )),
+                words => failed(&format!("host {host}: {}", String::from_utf8_lossy(words))),
+            },
         }),
         Err(_) => Some(failed(&format!(
             "host {host} does not answer: its gateway takes no commands, or has gone"

@@ -63,12 +63,13 @@ fn e2e_commands_are_acknowledged_as_on_the_machines_own_host() {
     drop(server);
     let failed = ask(client(), fix, || {});
     assert_eq!(failed.code, response_code::FAILED);
-    assert!(failed.text().contains("no identifier"), "{}", failed.text());
+    assert!(failed.text().contains("host cell: no identifier"), "{}", failed.text());
 
     out.kill();
     let gone = eventually("word that the gateway is not there", || {
         let response = ask(client(), fix, || {});
-        response.text().contains("host cell").then_some(response)
+        let is_it = response.text().contains("gateway of host cell is not there");
+        is_it.then_some(response)
     });
     assert_eq!(gone.code, response_code::FAILED);
 }

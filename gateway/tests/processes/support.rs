@@ -189,6 +189,12 @@ impl Process {
         });
     }
 
+    /// Stops it where it is, as one that hangs.
+    pub fn stop(&self) {
+        let pid = Pid::from_raw(self.child.id().cast_signed());
+        kill(pid, Signal::SIGSTOP).expect("the process lives");
+    }
+
     pub fn kill(mut self) {
         self.child.kill().expect("killed");
         self.child.wait().expect("its end");

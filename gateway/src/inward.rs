@@ -153,6 +153,9 @@ pub fn run(args: &InArgs, stop: &AtomicBool) -> Result<(), GatewayError> {
         for robot in remote_robots.robots.values_mut() {
             robot.turn(&session, is_tick)?;
         }
+        if is_tick {
+            remote_robots.tell_losses(Instant::now());
+        }
     }
     say(HEAD);
     remote_robots.robots.values().for_each(RemoteRobot::report);
@@ -283,6 +286,22 @@ impl RemoteRobots<'_> {
                     return Ok(());
                 };
                 remote_robot.message(topic, payload, envelope, *is_live)
+            }
+        }
+    }
+
+    /// Says what has not come, while it can still be mended.
+    fn tell_losses(&mut self, now: Instant) {
+        for (robot, remote_robot) in &mut self.robots {
+            if let Some(missing) = remote_robot.losses(now)
+                && let Some(before) = self.lines.next(now)
+            {
+                tracing::warn!(
+                    host = remote_robot.host,
+                    robot,
+                    lines_left_out = before,
+                    "messages are missing: {missing}"
+                );
             }
         }
     }

@@ -257,7 +257,7 @@ impl Receipts {
             return;
         };
         let numbers = received.keys.entry(sample.key_expr().as_str().to_owned()).or_default();
-        received.tally.admit_by(numbers, &envelope, true);
+        received.tally.admit_by(numbers, &envelope);
         received.tally.late(envelope.sent_unix_ns, now);
         received.bytes += sample.payload().len();
     }

@@ -45,6 +45,7 @@ pub struct RemoteRobot {
     control: Option<ControlServer>,
     /// Requests under way.
     asked: Vec<(Asked, FifoChannelHandler<Reply>)>,
+    losses: Losses,
     _role: RoleLock,
 }
 
@@ -73,6 +74,7 @@ impl RemoteRobot {
             },
             asked: Vec::new(),
             bus,
+            losses: Losses::default(),
             _role: role,
         })
     }
@@ -144,18 +146,63 @@ impl RemoteRobot {
         Ok(())
     }
 
+    fn tallies(&self) -> [(Topic, &Tally); keys::CARRIED.len()] {
+        [
+            (Topic::Description, &self.description.tally),
+            (Topic::Estimate, &self.estimate.tally),
+            (Topic::Status, &self.status.tally),
+            (Topic::Journal, &self.journal.tally),
+            (Topic::Sample, &self.samples.tally),
+        ]
+    }
+
+    /// What is missing and was not told yet, in words for the log; `None` if there is nothing, or if
+    /// it is to be told later.
+    pub fn losses(&mut self, now: Instant) -> Option<String> {
+        let missing = self.tallies().map(|(topic, tally)| (topic, tally.missing()));
+        self.losses.tell(missing, now)
+    }
+
     pub fn report(&self) {
-        let line = |topic: Topic, tally: &Tally| {
-            let key = keys::key(&self.host, self.bus.robot(), topic.name());
-            say(format_args!("{key:<36} {tally}"));
-        };
-        line(Topic::Description, &self.description.tally);
-        line(Topic::Estimate, &self.estimate.tally);
-        line(Topic::Status, &self.status.tally);
-        line(Topic::Journal, &self.journal.tally);
-        if self.samples.port.is_some() {
-            line(Topic::Sample, &self.samples.tally);
+        for (topic, tally) in self.tallies() {
+            if topic != Topic::Sample || self.samples.port.is_some() {
+                let key = keys::key(&self.host, self.bus.robot(), topic.name());
+                say(format_args!("{key:<36} {tally}"));
+            }
         }
+    }
+}
+
+/// What the log has told of missing messages.
+#[derive(Debug, Default)]
+struct Losses {
+    told: [u64; keys::CARRIED.len()],
+    /// When the first was noticed that is not told yet.
+    noticed: Option<Instant>,
+    last: Option<Instant>,
+}
+
+impl Losses {
+    /// What is missing of each topic beyond what was told. It is told once all topics had the time
+    /// to come again, and seldom.
+    fn tell(&mut self, missing: [(Topic, u64); keys::CARRIED.len()], now: Instant) -> Option<String> {
+        if missing.iter().zip(self.told).all(|((_, count), told)| *count <= told) {
+            return None;
+        }
+        let noticed = *self.noticed.get_or_insert(now);
+        let is_early = now.duration_since(noticed) < SETTLED;
+        if is_early || self.last.is_some_and(|last| now.duration_since(last) < LOSSES_EVERY) {
+            return None;
+        }
+        (self.noticed, self.last) = (None, Some(now));
+        let mut words = Vec::new();
+        for ((topic, count), told) in missing.into_iter().zip(&mut self.told) {
+            if count > *told {
+                words.push(format!("{topic} {}", count - *told));
+                *told = count;
+            }
+        }
+        Some(words.join(", "))
     }
 }
 
@@ -205,7 +252,7 @@ impl IncomingMessage<'_> {
             tally.left_out += 1;
             return None;
         };
-        if !tally.admit(&envelope, self.is_live) {
+        if !tally.admit(&envelope) {
             return None;
         }
         if let Some((stream_id, seq)) = message.counted() {
@@ -279,4 +326,34 @@ fn samples(bus: &Bus) -> Result<(SamplePublisher, RoleLock), BusError> {
     let role = RoleLock::acquire(bus.domain(), bus.robot(), Role::Plant)?;
     let port = SamplePublisher::new(bus, Delivery::Realtime, Arc::new(AtomicBool::new(false)))?;
     Ok((port, role))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn prop_what_is_missing_is_told_once_when_all_topics_had_time_and_not_often() {
+        let mut losses = Losses::default();
+        let start = Instant::now();
+        let mut told = Vec::new();
+        for tenth in 0..300_u32 {
+            let now = start + tenth * Duration::from_millis(100);
+            // Samples are missing from 1 s on, an estimate from 1.5 s on, then a sample each second
+            // from 5 s to 15 s.
+            let samples = if tenth < 10 { 0 } else { 7 } + u64::from(tenth.clamp(50, 150) - 50) / 10;
+            let missing = [
+                (Topic::Description, 0),
+                (Topic::Estimate, u64::from(tenth >= 15)),
+                (Topic::Sample, samples),
+                (Topic::Status, 0),
+                (Topic::Journal, 0),
+            ];
+            if let Some(words) = losses.tell(missing, now) {
+                told.push((tenth, words));
+            }
+        }
+        let expected = [(20, "estimate 1, sample 7"), (120, "sample 7"), (220, "sample 3")];
+        assert_eq!(told, expected.map(|(tenth, words)| (tenth, words.to_owned())));
+    }
 }

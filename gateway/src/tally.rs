@@ -26,9 +26,12 @@ pub struct Numbered {
 }
 
 impl Numbers {
-    /// Places the next message; `None` for one that was there before. `is_live` is false for the
-    /// answer to a question about last messages: what it is ahead of is still on its way.
-    pub fn admit(&mut self, envelope: &Envelope, is_live: bool) -> Option<Numbered> {
+    /// Places the next message; `None` for one that was there before, or that comes behind a later
+    /// one: the last message of a topic stays the last.
+    ///
+    /// After an outage of the route the answer about last messages comes first. What is missing before
+    /// it is lost, as before any other.
+    pub fn admit(&mut self, envelope: &Envelope) -> Option<Numbered> {
         let (run, number) = (envelope.run, envelope.number);
         let before = self.last.filter(|(last_run, _)| *last_run == run).map(|(_, last)| last);
         if before.is_some_and(|last| number <= last) {
@@ -36,7 +39,7 @@ impl Numbers {
         }
         self.last = Some((run, number));
         Some(Numbered {
-            lost: before.filter(|_| is_live).map_or(0, |last| number - last - 1),
+            lost: before.map_or(0, |last| number - last - 1),
             is_new_run: before.is_none(),
         })
     }
@@ -76,18 +79,17 @@ impl Tally {
         }
     }
 
-    /// Places a message by its envelope; false for one that was there before. `is_live` is as for
-    /// [`Numbers::admit`].
-    pub fn admit(&mut self, envelope: &Envelope, is_live: bool) -> bool {
+    /// Places a message by its envelope; false for one that is not taken, as [`Numbers::admit`] says.
+    pub fn admit(&mut self, envelope: &Envelope) -> bool {
         let mut numbers = self.numbers;
-        let is_new = self.admit_by(&mut numbers, envelope, is_live);
+        let is_new = self.admit_by(&mut numbers, envelope);
         self.numbers = numbers;
         is_new
     }
 
     /// The same for one of several keys, which has `numbers` of its own.
-    pub fn admit_by(&mut self, numbers: &mut Numbers, envelope: &Envelope, is_live: bool) -> bool {
-        let Some(place) = numbers.admit(envelope, is_live) else {
+    pub fn admit_by(&mut self, numbers: &mut Numbers, envelope: &Envelope) -> bool {
+        let Some(place) = numbers.admit(envelope) else {
             return false;
         };
         self.carried += 1;
@@ -101,6 +103,12 @@ impl Tally {
         if let Place::Gap { missing } = self.cursor.advance(stream_id, seq) {
             self.gaps = self.gaps.saturating_add(missing);
         }
+    }
+
+    /// Messages that are missing by either count; the one that one of them cannot see, the other
+    /// often can.
+    pub fn missing(&self) -> u64 {
+        self.lost.max(self.gaps)
     }
 
     /// Notes how long a message was under way, by the clocks of both hosts.
@@ -176,7 +184,7 @@ mod tests {
             (2, 2, true, 4),
         ] {
             assert_eq!(
-                (tally.admit(&envelope(run, number), true), tally.lost),
+                (tally.admit(&envelope(run, number)), tally.lost),
                 (is_new, lost),
                 "{run} {number}"
             );
@@ -185,12 +193,14 @@ mod tests {
     }
 
     #[test]
-    fn prop_an_answer_about_the_last_message_is_no_loss_and_is_not_taken_twice() {
+    fn prop_what_was_numbered_is_either_carried_or_lost_whatever_way_it_comes() {
         let mut tally = Tally::new();
-        assert!(tally.admit(&envelope(1, 3), false));
-        assert!(!tally.admit(&envelope(1, 3), true), "the same one, live");
-        assert!(tally.admit(&envelope(1, 6), false), "ahead of 4 and 5");
-        assert_eq!((tally.lost, tally.carried), (0, 2));
+        assert!(tally.admit(&envelope(1, 3)), "the last one, on request");
+        assert_eq!(tally.lost, 0, "those before were for others");
+        assert!(!tally.admit(&envelope(1, 3)), "the same one");
+        assert!(tally.admit(&envelope(1, 6)), "the last one, after an outage");
+        assert!(!tally.admit(&envelope(1, 5)), "too late: it is counted as lost");
+        assert_eq!((tally.lost, tally.carried), (2, 2));
     }
 
     #[test]

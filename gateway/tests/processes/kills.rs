@@ -68,6 +68,28 @@ impl Flow {
         });
     }
 
+    /// Waits until the log of `inward` has told that so many samples and estimates are missing.
+    fn told(inward: &Process, samples: u64, estimates: u64) {
+        let sum = |log: &str, topic: &str| -> u64 {
+            let lines = log.lines().filter_map(|line| line.split_once("messages are missing: "));
+            let words = lines.flat_map(|(_, missing)| missing.split([' ', ',']));
+            let words: Vec<&str> = words.filter(|word| !word.is_empty()).collect();
+            let counts = words.windows(2).filter(|pair| pair[0] == topic);
+            counts.map(|pair| pair[1].parse::<u64>().expect("a number")).sum()
+        };
+        eventually("word of what is missing", || {
+            let log = inward.stderr();
+            ((sum(&log, "sample"), sum(&log, "estimate")) == (samples, estimates)).then_some(())
+        });
+    }
+
+    /// Estimates missing between the first and the last that came.
+    fn missing_blocks(&self) -> u64 {
+        let first_to_last = self.blocks[self.blocks.len() - 1] - self.blocks[0] + 1;
+        let different: BTreeSet<u64> = self.blocks.iter().copied().collect();
+        first_to_last - different.len() as u64
+    }
+
     /// Samples missing between the first and the last that came.
     fn missing(&self) -> u64 {
         let (first, last) = (self.come[0], self.come[self.come.len() - 1]);
@@ -102,6 +124,7 @@ fn fault_an_out_gateway_killed_in_the_middle_resumes_and_its_losses_are_counted(
     let missing = flow.missing();
     // Nobody carried what was sent while there was none, more than a tenth of a second.
     assert!(missing > 100, "{missing}");
+    Flow::told(&inward, missing, flow.missing_blocks());
     let (code, table, log) = inward.end();
     eprintln!("{table}");
     assert!(code.success(), "{log}");
@@ -115,9 +138,8 @@ fn fault_an_out_gateway_killed_in_the_middle_resumes_and_its_losses_are_counted(
     assert!(carried >= flow.come.len() as u64, "{table}");
     // Estimates, too: each block that did not come is counted.
     let [_, _, gaps, _, runs] = figures(&table, "thetabus/cell/arm/estimate");
-    let first_to_last = flow.blocks[flow.blocks.len() - 1] - flow.blocks[0] + 1;
-    let different: BTreeSet<u64> = flow.blocks.iter().copied().collect();
-    assert_eq!((gaps, runs), (first_to_last - different.len() as u64, 2), "{table}");
+    assert!(flow.missing_blocks() > 2, "{:?}", flow.blocks);
+    assert_eq!((gaps, runs), (flow.missing_blocks(), 2), "{table}");
     drop((out, router_a, router_b));
 }
 
@@ -162,11 +184,15 @@ fn fault_a_router_killed_in_the_middle_is_found_again() {
     let _router = gateway(&["route", "--listen", &at]);
     flow.until("samples come again", |flow| flow.come.len() > before + 500);
     flow.settle();
+    let (samples, estimates) = (flow.missing(), flow.missing_blocks());
+    assert!(samples > 100 && estimates > 2, "{samples}, {estimates}");
+    Flow::told(&inward, samples, estimates);
     let (_, table, log) = inward.end();
-    let [_, lost, gaps, _, runs] = figures(&table, "thetabus/cell/arm/sample");
     // The gateways have lived on, so both counts tell the same.
-    assert_eq!((lost, gaps, runs), (flow.missing(), flow.missing(), 1), "{table}{log}");
-    assert!(gaps > 100, "{table}");
+    let [_, lost, gaps, _, runs] = figures(&table, "thetabus/cell/arm/sample");
+    assert_eq!((lost, gaps, runs), (samples, samples, 1), "{table}{log}");
+    let [_, lost, gaps, _, runs] = figures(&table, "thetabus/cell/arm/estimate");
+    assert_eq!((lost, gaps, runs), (estimates, estimates, 1), "{table}{log}");
 }
 
 #[test]

@@ -37,6 +37,23 @@ pub enum GatewayError {
         /// What zenoh says.
         problem: String,
     },
+    /// Another gateway carries this robot.
+    #[error(
+        "robot {robot:?} in domain {domain:?} has a gateway already, process {pid}; a robot is either sent out of a domain or \
+         brought into it, by one gateway: stop that one, or use another --domain; what comes from another host is passed on by \
+         `thetabus-gateway route`"
+    )]
+    Way {
+        /// The robot.
+        robot: String,
+        /// The domain.
+        domain: String,
+        /// The other gateway's process.
+        pid: String,
+    },
+    /// No room for another robot.
+    #[error("there are {0} robots already, as --max-robots says")]
+    Full(usize),
     /// The system.
     #[error("{action}: {source}")]
     System {

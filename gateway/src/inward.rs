@@ -114,9 +114,9 @@ impl Inbox {
 pub fn run(args: &InArgs, stop: &AtomicBool) -> Result<(), GatewayError> {
     let from = args.from.as_deref().map(Host::new).transpose()?;
     let domain = Domain::new(&args.domain)?;
-    // A member from the start: what is wrong with the domain is said at once, and robots come and
-    // go.
-    let _member = Bus::join(&domain, args.robot.first().map_or("arm", String::as_str), "gateway_in")?;
+    // A member from the start: what is wrong with the domain is said at once. One for all robots,
+    // because each watches the domain by a thread of its own.
+    let member = Bus::join(&domain, args.robot.first().map_or("arm", String::as_str), "gateway_in")?;
     let Some(session) = network::open(&args.network, Part::Guest, stop)? else {
         return Ok(());
     };
@@ -135,7 +135,7 @@ pub fn run(args: &InArgs, stop: &AtomicBool) -> Result<(), GatewayError> {
     );
     let mut remote_robots = RemoteRobots {
         args,
-        domain,
+        member,
         session: &session,
         put: put.clone(),
         robots: BTreeMap::new(),
@@ -214,7 +214,7 @@ fn subscribe(session: &Session, from: Option<&Host>, args: &InArgs, put: &Inbox)
 /// The robots that have come.
 struct RemoteRobots<'a> {
     args: &'a InArgs,
-    domain: Domain,
+    member: Bus,
     session: &'a Session,
     put: Inbox,
     robots: BTreeMap<String, RemoteRobot>,
@@ -339,7 +339,13 @@ impl RemoteRobots<'_> {
                     if self.refusals.is_first(robot.to_owned(), now)
                         && let Some(before) = self.lines.next(now)
                     {
-                        tracing::error!(host, robot, lines_left_out = before, "robot not admitted: {why}");
+                        match why {
+                            // As it is to be where gateways both ways share a domain.
+                            GatewayError::Way { .. } => {
+                                tracing::warn!(host, robot, lines_left_out = before, "robot not admitted: {why}");
+                            }
+                            _ => tracing::error!(host, robot, lines_left_out = before, "robot not admitted: {why}"),
+                        }
                     }
                     return None;
                 }
@@ -362,10 +368,10 @@ impl RemoteRobots<'_> {
         None
     }
 
-    fn admit(&self, host: &str, robot: &str) -> Result<RemoteRobot, String> {
+    fn admit(&self, host: &str, robot: &str) -> Result<RemoteRobot, GatewayError> {
         if self.robots.len() >= self.args.max_robots {
-            return Err(format!("there are {} already, as --max-robots says", self.robots.len()));
+            return Err(GatewayError::Full(self.robots.len()));
         }
-        RemoteRobot::new(&self.domain, host, robot, !self.args.no_control).map_err(|e| e.to_string())
+        RemoteRobot::new(&self.member, host, robot, !self.args.no_control)
     }
 }

@@ -19,6 +19,7 @@ mod refusals;
 mod remote_robot;
 mod route;
 mod tally;
+mod way;
 
 use clap::{Parser, Subcommand};
 use error::GatewayError;

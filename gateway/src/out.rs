@@ -15,11 +15,13 @@ use crate::latest::{Latest, encoding};
 use crate::network::{self, NetworkArgs, Part};
 use crate::questions::Questions;
 use crate::tally::{HEAD, Tally, say};
+use crate::way;
+use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{SyncSender, TrySendError, sync_channel};
 use std::time::{Duration, Instant};
-use thetabus::bus::{Bus, Domain, IDLE_TICK, Latched, SampleSubscriber, Subscriber, Topic, monotonic_ns};
+use thetabus::bus::{Bus, Domain, IDLE_TICK, Latched, RoleLock, SampleSubscriber, Subscriber, Topic, monotonic_ns};
 use thetabus::messages::{Description, Estimate, Journal, SCHEMA_VERSION, Sample, Status};
 use thetabus::recording::{Encoder, OnWire, described, to_cdr};
 use zenoh::pubsub::Publisher;
@@ -66,21 +68,30 @@ pub struct OutArgs {
 pub fn run(args: &OutArgs, stop: &AtomicBool) -> Result<(), GatewayError> {
     let host = args.host.as_deref().map_or_else(Host::own, Host::new)?;
     let domain = Domain::new(&args.domain)?;
-    // Names are checked before the network is waited for.
-    let buses = args.robot.iter().map(|robot| Bus::join(&domain, robot, "gateway_out"));
-    let buses = buses.collect::<Result<Vec<_>, _>>()?;
+    // Before the network is waited for: what is wrong here is said at once. A robot that is named
+    // twice is one.
+    let mut buses: Vec<(Bus, RoleLock)> = Vec::new();
+    let names: BTreeSet<&str> = args.robot.iter().map(String::as_str).collect();
+    for robot in &names {
+        let way = way::take(&domain, robot)?;
+        let member = match buses.first() {
+            Some((member, _)) => Bus::for_robot(member, robot)?,
+            None => Bus::join(&domain, robot, "gateway_out")?,
+        };
+        buses.push((member, way));
+    }
     let Some(session) = network::open(&args.network, Part::Host, stop)? else {
         return Ok(());
     };
     let run = unix_ns() ^ (u64::from(std::process::id()) << 40);
     let mut robots = Vec::new();
-    for bus in buses {
-        robots.push(OutRobot::new(bus, &host, run, args, &session)?);
+    for (bus, way) in buses {
+        robots.push(OutRobot::new(bus, way, &host, run, args, &session)?);
     }
     tracing::info!(
         host = host.name(),
         domain = args.domain,
-        robots = args.robot.join(", "),
+        robots = names.into_iter().collect::<Vec<_>>().join(", "),
         samples = args.samples,
         control = !args.no_control,
         "carries out"
@@ -124,10 +135,18 @@ struct OutRobot {
     _queryable: Queryable<()>,
     /// Tells others that this robot is here; gone as soon as the session is.
     _alive: zenoh::liveliness::LivelinessToken,
+    _way: RoleLock,
 }
 
 impl OutRobot {
-    fn new(bus: Bus, host: &Host, run: u64, args: &OutArgs, session: &Session) -> Result<Self, GatewayError> {
+    fn new(
+        bus: Bus,
+        way: RoleLock,
+        host: &Host,
+        run: u64,
+        args: &OutArgs,
+        session: &Session,
+    ) -> Result<Self, GatewayError> {
         let name = bus.robot().to_owned();
         let latest = Arc::new(Latest::default());
         let to = To {
@@ -172,6 +191,7 @@ impl OutRobot {
             latest,
             _queryable: queryable,
             _alive: alive,
+            _way: way,
         })
     }
 

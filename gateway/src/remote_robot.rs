@@ -6,11 +6,12 @@ use crate::keys;
 use crate::out::Counted;
 use crate::questions;
 use crate::tally::{Tally, say};
+use crate::way;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 use thetabus::bus::{
-    Asked, Bus, BusError, ControlServer, Delivery, Domain, Latched, Publisher, Role, RoleLock, SamplePublisher, Topic,
+    Asked, Bus, BusError, ControlServer, Delivery, Latched, Publisher, Role, RoleLock, SamplePublisher, Topic,
 };
 use thetabus::messages::{Description, Estimate, Journal, Response, SCHEMA_VERSION, Sample, Status, response_code};
 use thetabus::recording::{Dimensions, OnWire, from_cdr, to_cdr};
@@ -46,15 +47,20 @@ pub struct RemoteRobot {
     /// Requests under way.
     asked: Vec<(Asked, FifoChannelHandler<Reply>)>,
     losses: Losses,
-    _role: RoleLock,
+    _roles: [RoleLock; 2],
 }
 
 impl RemoteRobot {
     /// # Errors
-    /// Another program has the identifier's role, or the bus fails.
-    pub fn new(domain: &Domain, host: &str, robot: &str, has_control: bool) -> Result<Self, BusError> {
+    /// Another gateway sends this robot out of the domain or has brought it, another program has the
+    /// identifier's role, or the bus fails.
+    pub fn new(member: &Bus, host: &str, robot: &str, has_control: bool) -> Result<Self, GatewayError> {
+        let domain = member.domain();
+        // The way first: a robot that is sent out keeps its role, even while its identifier is not
+        // there.
+        let way = way::take(domain, robot)?;
         let role = RoleLock::acquire(domain, robot, Role::Identifier)?;
-        let bus = Bus::join(domain, robot, "gateway_in")?;
+        let bus = member.for_robot(robot)?;
         Ok(Self {
             host: host.to_owned(),
             is_there: true,
@@ -75,7 +81,7 @@ impl RemoteRobot {
             asked: Vec::new(),
             bus,
             losses: Losses::default(),
-            _role: role,
+            _roles: [way, role],
         })
     }
 

@@ -1,4 +1,4 @@
-//! One plant, one identifier, one run per robot and domain.
+//! One plant, one identifier, one run, one gateway per robot and domain.
 
 use super::lock_file::open_lock;
 use super::{BusError, Domain, domain::check_name};
@@ -21,6 +21,8 @@ pub enum Role {
     Run,
     /// Publishes commands to the machine.
     Controller,
+    /// Carries the topics to other hosts, or brings them from there.
+    Gateway,
 }
 
 impl Role {
@@ -30,6 +32,7 @@ impl Role {
             Self::Identifier => "identifier",
             Self::Run => "run",
             Self::Controller => "controller",
+            Self::Gateway => "gateway",
         }
     }
 
@@ -39,6 +42,7 @@ impl Role {
             Self::Identifier => "an identifier",
             Self::Run => "a run",
             Self::Controller => "a controller",
+            Self::Gateway => "a gateway",
         }
     }
 }

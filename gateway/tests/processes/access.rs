@@ -162,7 +162,7 @@ fn fault_garbage_on_the_network_is_left_out_and_told() {
             .expect("put");
     }
     inward.says("was left out");
-    inward.says("robot not admitted: there are 1 already");
+    inward.says("robot not admitted: there are 1 robots already");
     let bus = Bus::join(&site.far, "arm", "reader").expect("joined");
     let mut estimates = Subscriber::<Estimate>::new(&bus).expect("subscribed");
     std::thread::sleep(Duration::from_millis(300));

@@ -9,3 +9,4 @@ mod control;
 mod kills;
 mod programs;
 mod support;
+mod ways;

@@ -21,7 +21,7 @@ use std::path::{Path, PathBuf};
 
 const MAGIC: [u8; 8] = *b"THETABUS";
 /// Version of the file; changes with the layout of the state.
-pub const CHECKPOINT_VERSION: u32 = 13;
+pub const CHECKPOINT_VERSION: u32 = 14;
 /// Magic, version, CRC, length.
 const HEAD: usize = 24;
 /// Largest file \[bytes\], far above any state: 128 matrices of

@@ -28,6 +28,7 @@
 //! Sources: H. White, Econometrica 48 (1980); K.-Y. Liang, S. Zeger, Biometrika 73 (1986), with
 //! time blocks as clusters.
 
+use super::block_scatter_room::BlockScatter;
 use super::change::RobotChange;
 use super::drive_gain_room::DriveGains;
 use super::error::{IdentifyError, SampleFault};
@@ -74,6 +75,7 @@ pub struct RobotIdentifier {
     /// The same model, with additional columns for the friction terms that it leaves out.
     pub(super) wide: RobotModel,
     pub(super) left_out: Option<LeftOut>,
+    pub(super) block_scatter: BlockScatter,
     pub(super) drift: FrictionDrift,
     pub(super) offset_drift: OffsetDrift,
     pub(super) counts: TorqueCounts,
@@ -181,6 +183,7 @@ impl RobotIdentifier {
             all: empty.clone(),
             older: empty.clone(),
             offset_drift: OffsetDrift::new(drifts, is_drifting, &empty),
+            block_scatter: BlockScatter::new(parameters.len(), acting, RECENT, &empty),
             pending: SliceRing::new(if options.payload { SLICES } else { 0 }, &empty),
             ring: RowRing::new(windows, &columns),
             recent: vec![empty.clone(); RECENT],
@@ -250,6 +253,7 @@ impl RobotIdentifier {
             (watch.doubt, watch.strange, watch.inquiry.doubt) = (0, 0, None);
         }
         self.left_out.iter_mut().for_each(LeftOut::reset);
+        self.block_scatter.reset();
         self.drift.reset();
         self.offset_drift.reset();
         self.counts.reset();
@@ -486,6 +490,7 @@ impl RobotIdentifier {
             let block = (&self.block[..], &self.effective[..]);
             self.recent_rows.explain(block, &self.torque_std, recent, explained);
             self.look_for_left_out();
+            self.look_at_scatter();
             self.look_at_urdf();
             self.look_at_gains();
             self.look_for_drift();

@@ -45,7 +45,9 @@ impl RobotIdentifier {
             false => 0.0,
         };
         let bias = self.bias[i] * self.bias[j]; // (2) of acceleration_noise.rs
-        self.covariance[i * n + j] + drift + bias + left_out.map_or(0.0, |left_out| left_out.covariance(i, j, n))
+        let scatter = &self.block_scatter.factor;
+        let own = self.covariance[i * n + j] * scatter[i] * scatter[j]; // (4) of block_scatter.rs
+        own + drift + bias + left_out.map_or(0.0, |left_out| left_out.covariance(i, j, n))
     }
 
     /// σ_j: standard deviation of a joint's rows about their prediction \[N m or N\].

@@ -107,9 +107,10 @@ impl RobotIdentifier {
         }
     }
 
-    /// Drops the recent blocks, which are of another machine; keeps f_j.
+    /// Drops the recent blocks, which are of another machine; keeps f_j and x_i.
     pub(super) fn forget_recent(&mut self) {
         self.recent_blocks = 0;
+        self.block_scatter.carry_over();
         for (assumed, inflation) in self.assumed.0.iter_mut().zip(&self.inflation) {
             *assumed = inflation * inflation;
         }

@@ -37,6 +37,7 @@
 //! | `clipped`, `torque_counts` | clipped torques; torques rounded to counts |
 //! | `explained` | share of each joint's torque that the model explains |
 //! | `left_out` | terms missing in the model, from the residuals |
+//! | `block_scatter` | what no term describes, from the scatter of the blocks |
 //! | `impossible` | impossible estimates: negative friction, payload or inertia |
 //! | `drive_gain` | a joint whose torque contradicts those of the other joints |
 //! | `urdf_prior`, `urdf_moments` | a gravity or a zero that contradicts the URDF, from the moments |
@@ -52,6 +53,8 @@
 
 mod acceleration_noise;
 mod base_parameters;
+mod block_scatter;
+mod block_scatter_room;
 mod butterworth;
 mod calibration;
 mod carried;

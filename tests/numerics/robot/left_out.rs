@@ -9,6 +9,7 @@ use crate::support::TestRng;
 use FrictionTerm::{Coulomb, Offset, Viscous};
 use nalgebra::{Rotation3, Vector3};
 use thetabus::messages::{Estimate, Sample, State, signals};
+use thetabus::model::JointSample;
 use thetabus::node::identifier::IdentifierOptions;
 use thetabus::node::robot::{RobotLearner, RobotNode};
 use thetabus::robot::{
@@ -91,9 +92,21 @@ pub(super) fn run_with(
 fn run_with_friction(
     machine: &Robot,
     friction: JointFriction,
+    simulation: RobotSimOptions,
+    seconds: usize,
+    velocities: Option<VelocityErrors>,
+) -> Run {
+    run_disturbed(machine, friction, simulation, seconds, velocities, &|_| {})
+}
+
+/// The same with samples that `disturb` changes.
+fn run_disturbed(
+    machine: &Robot,
+    friction: JointFriction,
     mut simulation: RobotSimOptions,
     seconds: usize,
     velocities: Option<VelocityErrors>,
+    disturb: &dyn Fn(&mut JointSample),
 ) -> Run {
     let robot = robot(SIX_AXIS);
     let model = RobotModel::new(robot, true, vec![friction; 6]).unwrap();
@@ -138,6 +151,7 @@ fn run_with_friction(
                 *dq = *filtered + noise * random.normal();
             }
         }
+        disturb(&mut joints);
         let sample = Sample::new(1, seq, seq * 1_000_000, 6, mask, &joints);
         let mut closed: Option<Estimate> = None;
         node.on_sample(&sample, &mut |estimate| closed = Some(*estimate));
@@ -248,6 +262,38 @@ fn fault_another_stribeck_speed_makes_nothing_surely_wrong() {
         let run = run_with_friction(&robot(SIX_AXIS), friction, simulation, 75, None);
         println!("rests {has_rests}, seed {seed}: {run:?}");
         assert!(run.dangerous == 0 && run.usable > 30, "{run:?}");
+    }
+}
+
+/// Cogging torques with six periods a turn, of a quarter of Coulomb friction, and friction that grows
+/// by 6 % of the torque.
+#[test]
+fn fault_cogging_and_friction_that_grows_with_the_load_make_nothing_surely_wrong() {
+    for (has_rests, seed, cogging, by_load) in [
+        (false, 1, 0.25, 0.0),
+        (true, 1, 0.25, 0.0),
+        (true, 2, 0.25, 0.0),
+        (true, 3, 0.25, 0.0),
+        (false, 2, 0.0, 0.06),
+        (true, 1, 0.0, 0.06),
+        (true, 2, 0.0, 0.06),
+        (true, 3, 0.0, 0.06),
+    ] {
+        let simulation = simulation(has_rests, seed);
+        let friction = JointFriction {
+            presliding: 1e-4,
+            ..JointFriction::default()
+        };
+        let coulomb: Vec<f64> = simulation.drives.iter().map(|drive| drive.coulomb).collect();
+        let disturb = |joints: &mut JointSample| {
+            for (i, coulomb) in coulomb.iter().enumerate() {
+                let load = joints.input[i].abs() * (joints.dq[i] / 0.005).tanh();
+                joints.input[i] += cogging * coulomb * (6.0 * joints.q[i] + 0.3).sin() + by_load * load;
+            }
+        };
+        let run = run_disturbed(&robot(SIX_AXIS), friction, simulation, 75, None, &disturb);
+        println!("rests {has_rests}, seed {seed}, cogging {cogging}, by load {by_load}: {run:?}");
+        assert_eq!(run.dangerous, 0, "{run:?}");
     }
 }
 

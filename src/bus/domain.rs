@@ -14,6 +14,9 @@ const SOCKET_NAME_LEN: usize = 33 + ".event".len();
 /// Linux stores a socket's path in 108 bytes, including the final zero.
 const SOCKET_PATH_MAX: usize = 107;
 
+/// Environment variable with the directory of the user's sockets and locks.
+const RUNTIME_DIR: &str = "XDG_RUNTIME_DIR";
+
 /// Checks the name of a domain or a robot: see [`is_name`].
 pub(super) fn check_name(what: &'static str, name: &str) -> Result<(), BusError> {
     match is_name(name) {
@@ -69,14 +72,19 @@ impl Domain {
     /// otherwise.
     ///
     /// # Errors
-    /// If the name is not `[a-z0-9_-]{1,32}`, or the paths of its sockets would exceed 107 bytes.
+    /// If the name is not `[a-z0-9_-]{1,32}`, the paths of its sockets would exceed 107 bytes, or
+    /// `$XDG_RUNTIME_DIR` is relative.
     pub fn new(name: &str) -> Result<Self, BusError> {
-        let runtime_dir = std::env::var_os("XDG_RUNTIME_DIR").filter(|dir| !dir.is_empty());
+        let runtime_dir = std::env::var_os(RUNTIME_DIR).filter(|dir| !dir.is_empty());
         Self::below(name, runtime_dir.as_deref().map(Path::new))
     }
 
     fn below(name: &str, runtime_dir: Option<&Path>) -> Result<Self, BusError> {
         check_name("domain", name)?;
+        // Programs with other working directories would not find each other.
+        if let Some(dir) = runtime_dir.filter(|dir| dir.is_relative()) {
+            return Err(BusError::RelativeRuntimeDir { dir: dir.to_owned() });
+        }
         let root = match runtime_dir {
             Some(dir) => dir.join(format!("thetabus-{name}")),
             None => PathBuf::from(format!("/tmp/thetabus-{}-{name}", nix::unistd::geteuid())),
@@ -104,7 +112,7 @@ impl Domain {
 
     /// The domains of this user that have a directory, below $XDG_RUNTIME_DIR or /tmp.
     pub(super) fn roots() -> Vec<Self> {
-        let runtime_dir = std::env::var_os("XDG_RUNTIME_DIR").filter(|dir| !dir.is_empty());
+        let runtime_dir = std::env::var_os(RUNTIME_DIR).filter(|dir| !dir.is_empty());
         let own = format!("thetabus-{}-", nix::unistd::geteuid());
         let places = [
             runtime_dir
@@ -130,6 +138,21 @@ impl Domain {
     fn is_own_directory(&self) -> bool {
         let uid = nix::unistd::geteuid().as_raw();
         std::fs::symlink_metadata(&self.root).is_ok_and(|found| found.is_dir() && found.uid() == uid)
+    }
+
+    /// A warning if `$XDG_RUNTIME_DIR` is set to nothing, which means /tmp, while programs for
+    /// which it is right look elsewhere, or if it is relative, so that no program starts.
+    pub fn warning() -> Option<String> {
+        let dir = PathBuf::from(std::env::var_os(RUNTIME_DIR)?);
+        if dir.as_os_str().is_empty() {
+            return Some(format!(
+                "${RUNTIME_DIR} is empty, so domains are below /tmp; programs for which it names a directory, such as /run/user/{}, do \
+                 not find this one",
+                nix::unistd::geteuid()
+            ));
+        }
+        dir.is_relative()
+            .then(|| BusError::RelativeRuntimeDir { dir }.to_string())
     }
 
     /// The same with other limits for the topics that this program creates.
@@ -254,6 +277,16 @@ mod tests {
             .expect_err("must be refused")
             .to_string();
         assert!(error.contains("107") && error.contains("default"), "{error}");
+    }
+
+    #[test]
+    fn fault_a_relative_runtime_directory_is_refused_by_its_variable() {
+        let error = Domain::below("default", Some(Path::new("run"))).expect_err("must be refused");
+        let error = error.to_string();
+        assert!(
+            error.contains("$XDG_RUNTIME_DIR: expected a path from the root"),
+            "{error}"
+        );
     }
 
     #[test]

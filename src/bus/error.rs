@@ -42,8 +42,23 @@ pub enum BusError {
         /// Characters that a domain name may have here.
         longest: usize,
     },
+    /// The directory of all domains depends on the working directory.
+    #[error(
+        "$XDG_RUNTIME_DIR: expected a path from the root, such as /run/user/1000, got {dir:?}; set it so, or unset it for /tmp"
+    )]
+    RelativeRuntimeDir {
+        /// Its value.
+        dir: PathBuf,
+    },
     /// The domain's directory cannot be created or read.
-    #[error("domain {domain:?}: directory {} cannot be used: {source}", root.display())]
+    #[error(
+        "domain {domain:?}: directory {} cannot be used: {source}{}",
+        root.display(),
+        match root.starts_with("/tmp") {
+            true => "",
+            false => "; it is below $XDG_RUNTIME_DIR: let that name a directory of this user, or unset it for /tmp",
+        }
+    )]
     Root {
         /// The domain.
         domain: String,

@@ -11,7 +11,7 @@ use super::objects::{SHM, entries, is_ours, is_service_memory, mapped_memory, re
 use super::orphans;
 use super::time_limit::within;
 use super::watch::Watch;
-use super::{BusError, Domain};
+use super::{BusError, Domain, wiped};
 use iceoryx2::node::{Node, NodeState, NodeView};
 use iceoryx2::prelude::{CallbackProgression, Config, LogLevel, Service, ipc, set_log_level_from_env_or};
 use iceoryx2::service::static_config::messaging_pattern::MessagingPattern;
@@ -93,6 +93,8 @@ pub struct DomainReport {
     pub half_made: Vec<String>,
     /// Programs and services could not be listed, because of a half-made object.
     pub is_blocked: bool,
+    /// Processes whose shared memory was removed from /dev/shm while they use it.
+    pub cut_off: Vec<i32>,
     /// Its locks.
     pub locks: Vec<LockReport>,
     /// Its shared memory.
@@ -110,6 +112,11 @@ impl DomainReport {
             || half_made
             || self.nodes.iter().any(|node| node.alive == Some(false))
             || self.unreadable_services > 0
+    }
+
+    /// What the removal of shared memory in use means, and what to do; `None` if there was none.
+    pub fn removed_memory(&self) -> Option<String> {
+        (!self.cut_off.is_empty()).then(|| wiped::words(&self.cut_off))
     }
 }
 
@@ -192,6 +199,7 @@ pub fn inspect(domain: &Domain) -> Result<DomainReport, BusError> {
         unreadable_services,
         half_made,
         is_blocked,
+        cut_off: wiped::cut_off(domain),
         locks,
         memory: memory(domain),
         abandoned,

@@ -63,6 +63,7 @@ mod tests;
 mod time_limit;
 mod topic;
 mod watch;
+mod wiped;
 
 pub use crate::words::is_name;
 pub use bare::{BareLink, End};

@@ -4,7 +4,7 @@ use super::domain::check_name;
 use super::membership::Membership;
 use super::orphans;
 use super::topic::{control, latched, sample};
-use super::{BusError, ControlService, Domain, EventService, ICEORYX2_VERSION, Latched, PubSubService, Topic};
+use super::{BusError, ControlService, Domain, EventService, ICEORYX2_VERSION, Latched, PubSubService, Topic, wiped};
 use crate::messages::{Header, Request, Response, Sample};
 use iceoryx2::prelude::{
     Config, LogLevel, MessagingPattern, NodeBuilder, NodeName, Service, ServiceName, SignalHandlingMode, ipc,
@@ -171,7 +171,7 @@ impl Bus {
         .map_err(|e| {
             self.topic_error(
                 topic,
-                format!("an event service of it cannot be opened: {e:?}; {}", advice()),
+                format!("an event service of it cannot be opened: {e:?}; {}", self.advice()),
             )
         })
     }
@@ -307,7 +307,7 @@ impl Bus {
                 )
             },
         )
-        .map_err(|e| self.topic_error(Topic::Control, format!("cannot be opened: {e:?}; {}", advice())))
+        .map_err(|e| self.topic_error(Topic::Control, format!("cannot be opened: {e:?}; {}", self.advice())))
     }
 
     /// `control`, opened by a client: `None` while there is no server.
@@ -328,7 +328,7 @@ impl Bus {
             Err(RequestResponseOpenError::ExceedsMaxNumberOfNodes) => {
                 Err(self.topic_error(Topic::Control, control::FULL.to_owned()))
             }
-            Err(e) => Err(self.topic_error(Topic::Control, format!("cannot be opened: {e:?}; {}", advice()))),
+            Err(e) => Err(self.topic_error(Topic::Control, format!("cannot be opened: {e:?}; {}", self.advice()))),
         }
     }
 
@@ -361,6 +361,15 @@ impl Bus {
                 done => return done,
             }
         }
+    }
+
+    /// What to do about a service that cannot be opened for no reason of its own.
+    fn advice(&self) -> String {
+        wiped::advice(self.domain()).unwrap_or_else(|| {
+            format!(
+                "all programs of a domain need iceoryx2 {ICEORYX2_VERSION} and the same user; another --domain starts afresh"
+            )
+        })
     }
 
     /// Creates a topic with messages of a wrong type.
@@ -407,13 +416,13 @@ impl Bus {
                 ),
                 Open::InsufficientPermissions => "it belongs to another user; use another --domain".into(),
                 Open::ExceedsMaxNumberOfNodes => "as many programs use it as it was made for: stop one of them, or raise bus.max_programs and start the programs of this robot anew".into(),
-                other => format!("cannot be opened ({other:?}); {}", advice()),
+                other => format!("cannot be opened ({other:?}); {}", self.advice()),
             },
             PublishSubscribeOpenOrCreateError::PublishSubscribeCreateError(create) => {
-                format!("cannot be created ({create:?}); {}", advice())
+                format!("cannot be created ({create:?}); {}", self.advice())
             }
             PublishSubscribeOpenOrCreateError::SystemInFlux => {
-                format!("other programs keep creating and removing it; {}", advice())
+                format!("other programs keep creating and removing it; {}", self.advice())
             }
         };
         self.topic_error(topic, problem)
@@ -454,12 +463,6 @@ impl Bus {
 struct Found {
     types: String,
     qos: String,
-}
-
-fn advice() -> String {
-    format!(
-        "all programs of a domain need iceoryx2 {ICEORYX2_VERSION} and the same user; another --domain starts afresh"
-    )
 }
 
 fn in_flux(error: &PublishSubscribeOpenOrCreateError) -> bool {

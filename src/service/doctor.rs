@@ -10,6 +10,9 @@ use std::fmt::Write as _;
 /// # Errors
 /// If the domain cannot be used: an invalid name, or a directory of another user.
 pub fn run(args: &DoctorArgs) -> Result<Exit, Failure> {
+    if let Some(words) = Domain::warning() {
+        tracing::warn!("{words}");
+    }
     let chosen = match &args.domain {
         Some(name) => vec![Domain::new(name)?],
         None => domains(),
@@ -90,6 +93,7 @@ fn text(reports: &[DomainReport], removed: &[(Domain, Cleaned)], args: &DoctorAr
 
 fn one(text: &mut String, report: &DomainReport) {
     let state = match (report.abandoned, report.has_dead()) {
+        _ if !report.cut_off.is_empty() => "in use, but closed to programs that start now",
         (true, true) => "no program is running; stale resources are left",
         (true, false) => "no program is running",
         (false, true) => "in use; stale resources are left",
@@ -152,6 +156,9 @@ fn one(text: &mut String, report: &DomainReport) {
             text,
             "  incompletely created object {object}: the process that creates it was killed or is stopped"
         );
+    }
+    if let Some(words) = report.removed_memory() {
+        let _ = writeln!(text, "  {words}");
     }
     let memory = &report.memory;
     let _ = writeln!(
@@ -222,6 +229,7 @@ fn domain_json(report: &DomainReport) -> Value {
         "unreadable_services": report.unreadable_services,
         "half_made": report.half_made,
         "is_blocked": report.is_blocked,
+        "cut_off_processes": report.cut_off,
         "locks": locks,
         "memory": {
             "objects": report.memory.objects,

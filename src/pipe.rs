@@ -34,10 +34,44 @@ pub(crate) const MAX_TABLE_BYTES: u64 = 64 << 20;
 /// The caller adds the file name.
 #[cfg(feature = "config")]
 pub(crate) fn read_text(path: &Path, max_bytes: u64) -> io::Result<String> {
+    let text = String::from_utf8(read_bytes(path, max_bytes)?).map_err(|e| {
+        let at = e.utf8_error().valid_up_to();
+        let line = 1 + e.as_bytes()[..at].iter().filter(|b| **b == b'\n').count();
+        let problem = format!("expected UTF-8 text, got other bytes in line {line}");
+        io::Error::new(io::ErrorKind::InvalidData, problem)
+    })?;
+    Ok(unmarked(text))
+}
+
+/// The same for a file of which single lines may be damaged, or in an older encoding: other bytes
+/// than UTF-8 become U+FFFD.
+///
+/// # Errors
+/// For a named pipe, UTF-16, or a file that cannot be read or is too large.
+#[cfg(feature = "service")]
+pub(crate) fn read_text_or_other_bytes(path: &Path, max_bytes: u64) -> io::Result<String> {
+    let bytes = read_bytes(path, max_bytes)?;
+    if bytes.starts_with(b"\xff\xfe") || bytes.starts_with(b"\xfe\xff") {
+        let problem = "expected UTF-8 text, got UTF-16, as some spreadsheets save it; save it as CSV in UTF-8";
+        return Err(io::Error::new(io::ErrorKind::InvalidData, problem));
+    }
+    let text = String::from_utf8(bytes).unwrap_or_else(|e| String::from_utf8_lossy(e.as_bytes()).into_owned());
+    Ok(unmarked(text))
+}
+
+#[cfg(feature = "config")]
+fn unmarked(mut text: String) -> String {
+    if text.starts_with('\u{feff}') {
+        text.drain(..'\u{feff}'.len_utf8());
+    }
+    text
+}
+
+#[cfg(feature = "config")]
+fn read_bytes(path: &Path, max_bytes: u64) -> io::Result<Vec<u8>> {
     use std::io::Read as _;
     refuse_named_pipe(path)?;
     let failed = |what: &str, e: &io::Error| io::Error::new(e.kind(), format!("cannot be {what}: {e}"));
-    let wrong = |problem: String| io::Error::new(io::ErrorKind::InvalidData, problem);
     let file = std::fs::File::open(path).map_err(|e| failed("opened", &e))?;
     let mut bytes = Vec::new();
     // The stated length is not used, because a device has none and may never end.
@@ -46,17 +80,9 @@ pub(crate) fn read_text(path: &Path, max_bytes: u64) -> io::Result<String> {
         .map_err(|e| failed("read", &e))?;
     if bytes.len() as u64 > max_bytes {
         let problem = format!("expected a file of at most {max_bytes} bytes, got a larger one");
-        return Err(wrong(problem));
+        return Err(io::Error::new(io::ErrorKind::InvalidData, problem));
     }
-    let mut text = String::from_utf8(bytes).map_err(|e| {
-        let at = e.utf8_error().valid_up_to();
-        let line = 1 + e.as_bytes()[..at].iter().filter(|b| **b == b'\n').count();
-        wrong(format!("expected UTF-8 text, got other bytes in line {line}"))
-    })?;
-    if text.starts_with('\u{feff}') {
-        text.drain(..'\u{feff}'.len_utf8());
-    }
-    Ok(text)
+    Ok(bytes)
 }
 
 #[cfg(all(test, feature = "config"))]
@@ -76,6 +102,11 @@ mod tests {
         assert_eq!(large, "expected a file of at most 8 bytes, got a larger one");
         let latin = read(b"1\n\xe9\n").expect_err("no UTF-8");
         assert_eq!(latin, "expected UTF-8 text, got other bytes in line 2");
+        #[cfg(feature = "service")]
+        assert_eq!(
+            read_text_or_other_bytes(&path, 8).ok().as_deref(),
+            Some("1\n\u{fffd}\n")
+        );
         std::fs::remove_file(&path).expect("removed");
         let missing = read_text(&path, 8).expect_err("no file").to_string();
         assert!(missing.contains("cannot be opened: No such file"), "{missing}");

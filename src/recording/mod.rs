@@ -36,7 +36,9 @@ pub use joint_state::{JointState, read_joint_states};
 pub use layout::{Channel, NameCollision, RecorderStatus};
 pub use loss::{Loss, ReadError};
 pub use reader::{Entry, RecordingReader, Span, read_journal};
-pub use samples_csv::{CsvSampleError, SamplesCsv, SamplesCsvReader, is_samples_csv};
+#[cfg(feature = "service")]
+pub(crate) use samples_csv::is_beyond_repair;
+pub use samples_csv::{CsvSampleError, SamplesCsv, SamplesCsvReader, is_samples_csv, separators_of_a_spreadsheet};
 pub use series::oldest_file;
 pub use wire::{Dimensions, NotOnWire, OnWire, described, from_cdr, to_cdr};
 pub use writer::{RecordError, Recorder, RecordingLimits};

@@ -1,7 +1,7 @@
 //! Log files of robots: numbers in columns, with or without a header line.
 
 use super::error::DrivesError;
-use super::skipped::{LogError, Skip, SkippedRows};
+use super::skipped::{InOrder, LogError, Skip, SkippedRows};
 use super::state::RobotSample;
 use crate::model::MAX_JOINTS;
 
@@ -120,7 +120,8 @@ pub struct RobotLog {
 /// Reads a log; numbers are separated by semicolons, bars, tabs, commas or spaces, a header line is
 /// skipped. Commas that do not separate numbers are decimal commas. Without columns of velocities
 /// these are 0, see [`with_velocities`](super::with_velocities). A row is skipped and counted if a
-/// column has no finite number, or if its time is not after that of the sample before.
+/// column has no finite number, or if its time is not after that of the sample before or is ahead
+/// of the two rows behind it.
 ///
 /// # Errors
 /// If the columns do not fit together; the first skipped row, if half of the rows or more were
@@ -148,7 +149,7 @@ pub fn read_log(text: &str, columns: &LogColumns, drives: &Drives) -> Result<Rob
     }
     drives.validate(joints).map_err(|e| problem(e.to_string()))?;
     let widest = all().copied().max().unwrap_or(1);
-    let mut log = RobotLog::default();
+    let (mut log, mut skipped) = (InOrder::default(), SkippedRows::default());
     let mut fields: Vec<&str> = Vec::new();
     for (index, line) in text.lines().enumerate() {
         fields.clear();
@@ -156,28 +157,25 @@ pub fn read_log(text: &str, columns: &LogColumns, drives: &Drives) -> Result<Rob
         if fields.is_empty() {
             continue;
         }
-        let is_header = log.skipped.rows == 0 && fields.iter().all(|field| number_of(field).is_none());
+        let is_header = skipped.rows == 0 && fields.iter().all(|field| number_of(field).is_none());
         if is_header {
             continue;
         }
-        log.skipped.rows += 1;
+        skipped.rows += 1;
         let row = match fields.len() < widest {
             true => Err((Skip::Unreadable, too_narrow(fields.len(), widest, columns))),
             false => row(&fields, columns, drives),
         };
-        let later = |sample: RobotSample| match log.samples.last() {
-            Some(last) if sample.t_s <= last.t_s => {
-                let what = format!("expected a time after {} s, got {} s", last.t_s, sample.t_s);
-                Err((Skip::NotLater, what))
-            }
-            _ => Ok(sample),
-        };
-        match row.and_then(later) {
-            Ok(sample) => log.samples.push(sample),
-            Err((why, what)) => log.skipped.skip(why, index + 1, || what),
+        match row {
+            Ok(sample) => log.take(sample, index + 1, &mut skipped),
+            Err((why, what)) => skipped.skip(why, index + 1, || what),
         }
     }
-    log.skipped.check().map(|()| log)
+    skipped.check()?;
+    Ok(RobotLog {
+        samples: log.samples,
+        skipped,
+    })
 }
 
 fn too_narrow(fields: usize, widest: usize, columns: &LogColumns) -> String {

@@ -160,6 +160,8 @@ pub use reference::{MAX_HARMONICS, MotionLimits, Motions, Reference};
 pub use regressor::EnergyRegressors;
 pub use rows::{WeakRow, WeakRows};
 pub use simulator::{PayloadChange, RobotController, RobotSimOptions, RobotSimulator, SimulatedDrive};
+#[cfg(feature = "service")]
+pub(crate) use skipped::InOrder;
 pub use skipped::{LogError, Skip, SkippedRows};
 pub use spatial::{BODY_PARAMETERS, BodyParameters, Motion, Placement};
 pub use standard::StandardParameters;

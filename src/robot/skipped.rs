@@ -1,5 +1,6 @@
 //! Errors of a robot's log: rows without a sample, counted by kind, and the first one.
 
+use super::state::RobotSample;
 use std::fmt;
 
 /// An error of a log.
@@ -85,6 +86,62 @@ impl SkippedRows {
     }
 }
 
+/// Takes the samples of a log in the order of their times; skips a row that is not later than the
+/// one before, or, if the two behind a row are earlier than it, that row instead of all behind it.
+#[derive(Debug, Default)]
+pub(crate) struct InOrder {
+    /// The samples so far.
+    pub samples: Vec<RobotSample>,
+    /// Line of the last sample.
+    line: usize,
+    /// The row skipped last, if nothing was taken since, with its line.
+    skipped: Option<(RobotSample, usize)>,
+}
+
+impl InOrder {
+    /// Takes the sample of a row, or skips and counts it.
+    pub fn take(&mut self, sample: RobotSample, line: usize, skipped: &mut SkippedRows) {
+        let last = self.samples.last().map(|last| last.t_s);
+        let Some(last_s) = last.filter(|last_s| sample.t_s <= *last_s) else {
+            self.skipped = None;
+            return self.push(sample, line);
+        };
+        let before_s = self.samples.iter().rev().nth(1).map(|before| before.t_s);
+        let follows = |(other, _): &(RobotSample, usize)| {
+            other.t_s < sample.t_s && before_s.is_none_or(|before_s| before_s < other.t_s)
+        };
+        match self.skipped.take_if(|other| follows(other)) {
+            Some((other, other_line)) => {
+                self.samples.pop();
+                let ahead_line = std::mem::replace(&mut self.line, other_line);
+                // The row that is ahead is counted instead of the one that was.
+                if let Some(first) = skipped.first.as_mut().filter(|first| first.line == Some(other_line)) {
+                    *first = LogError {
+                        line: Some(ahead_line),
+                        problem: format!(
+                            "expected a time before those of the next rows, {} s and {} s, got {last_s} s",
+                            other.t_s, sample.t_s
+                        ),
+                    };
+                }
+                self.samples.push(other);
+                self.push(sample, line);
+            }
+            None => {
+                skipped.skip(Skip::NotLater, line, || {
+                    format!("expected a time after {last_s} s, got {} s", sample.t_s)
+                });
+                self.skipped = Some((sample, line));
+            }
+        }
+    }
+
+    fn push(&mut self, sample: RobotSample, line: usize) {
+        self.samples.push(sample);
+        self.line = line;
+    }
+}
+
 impl fmt::Display for SkippedRows {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} of {} rows are skipped", self.count(), self.rows)?;
@@ -99,6 +156,49 @@ impl fmt::Display for SkippedRows {
         match &self.first {
             Some(first) => write!(f, "; the first is {first}"),
             None => Ok(()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn taken(times: &[f64]) -> (Vec<f64>, SkippedRows) {
+        let (mut log, mut skipped) = (InOrder::default(), SkippedRows::default());
+        for (line, t_s) in (1..).zip(times) {
+            let sample = RobotSample {
+                t_s: *t_s,
+                ..RobotSample::default()
+            };
+            log.take(sample, line, &mut skipped);
+        }
+        (log.samples.iter().map(|sample| sample.t_s).collect(), skipped)
+    }
+
+    #[test]
+    fn fault_a_wrong_time_costs_its_own_row_and_no_other() {
+        let cases: [(&[f64], &[f64], usize); 8] = [
+            (&[1.0, 2.0, 3.0], &[1.0, 2.0, 3.0], 0),
+            // repeated, late, ahead
+            (&[1.0, 2.0, 2.0, 3.0], &[1.0, 2.0, 3.0], 3),
+            (&[1.0, 2.0, 3.0, 2.5, 4.0], &[1.0, 2.0, 3.0, 4.0], 4),
+            (&[1.0, 2.0, 9e9, 3.0, 4.0, 5.0], &[1.0, 2.0, 3.0, 4.0, 5.0], 3),
+            (&[9e9, 1.0, 2.0, 3.0], &[1.0, 2.0, 3.0], 1),
+            (&[1.0, 9e9, 2.0, 3.0, 2.0, 4.0], &[1.0, 2.0, 3.0, 4.0], 2),
+            // a second log behind the first, and one that runs backwards
+            (&[1.0, 2.0, 3.0, 1.0, 2.0, 3.0], &[1.0, 2.0, 3.0], 4),
+            (&[3.0, 2.0, 1.0], &[3.0], 2),
+        ];
+        for (times, kept, first) in cases {
+            let (got, skipped) = taken(times);
+            assert_eq!(got, kept, "{times:?}");
+            assert_eq!(skipped.count(), times.len() - kept.len(), "{times:?}");
+            assert_eq!(
+                skipped.first.and_then(|first| first.line).unwrap_or(0),
+                first,
+                "{times:?}"
+            );
         }
     }
 }

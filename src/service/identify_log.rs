@@ -9,7 +9,7 @@ use crate::config::Choice as _;
 use crate::config::Config;
 use crate::messages::Sample;
 use crate::offline::{Configured, LineError, LogError, LogReader, judge_bounds, judge_profile};
-use crate::recording::{Loss, RunInfo, SamplesCsvReader, is_samples_csv};
+use crate::recording::{Loss, RunInfo, SamplesCsvReader, is_samples_csv, separators_of_a_spreadsheet};
 use crate::runner::Shutdown;
 use std::fs::File;
 use std::io::{BufRead, BufReader, Seek};
@@ -58,6 +58,9 @@ pub(super) fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Fail
     let bytes = file.metadata().map_or(0, |data| data.len());
     let mut source = BufReader::new(file);
     let beginning = source.fill_buf().map_err(|e| Failure::Failed(place(&e)))?;
+    if let Some(words) = separators_of_a_spreadsheet(beginning) {
+        return Err(Failure::Usage(place(&words)));
+    }
     let mut rows = if is_samples_csv(beginning) {
         let reader = SamplesCsvReader::new(source, &info).map_err(|e| Failure::Usage(place(&e)))?;
         Rows::Exported(Box::new(reader))
@@ -70,7 +73,7 @@ pub(super) fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Fail
     let mut next_sample = || -> Result<Option<Sample>, Failure> {
         match &mut rows {
             Rows::Log(log) => log.next_sample().map_err(refused),
-            Rows::Exported(reader) => reader.next_sample().map_err(|e| Failure::Usage(place(&e))),
+            Rows::Exported(reader) => reader.next_usable().map_err(|e| Failure::Usage(place(&e))),
         }
     };
     let mut line = OfflineRun::new(args, &config, info, monitor, start)?;
@@ -100,13 +103,15 @@ pub(super) fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Fail
         tell(input, &config, log, &line);
     }
     outcome?;
-    let counts = match &rows {
-        Rows::Log(log) => Some(log.counts()),
-        Rows::Exported(_) => None,
+    let (about_rows, all_good) = match &rows {
+        Rows::Log(log) => (Some(place(&log.counts())), log.counts().refused() == 0),
+        Rows::Exported(reader) => {
+            let refused = reader.refused();
+            refused.iter().for_each(|words| tracing::warn!("{}", place(words)));
+            (None, refused.is_none())
+        }
     };
-    let about_rows = counts.map(|counts| format!("{}: {counts}", input.display()));
     let exit = line.finish(Loss::default(), about_rows.as_deref())?;
-    let all_good = counts.is_none_or(|counts| counts.refused() == 0);
     Ok(if all_good { exit } else { Exit::DataLoss })
 }
 

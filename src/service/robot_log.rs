@@ -5,9 +5,12 @@ use crate::config::RobotConfig;
 use crate::messages::{Sample, signals};
 use crate::model::MAX_JOINTS;
 use crate::node::robot_model::robot_units;
-use crate::pipe::read_text;
-use crate::recording::{RecordingReader, SamplesCsvReader, Span, is_samples_csv, read_joint_states};
-use crate::robot::{LogColumns, RobotSample, Skip, SkippedRows, read_log};
+use crate::pipe::read_text_or_other_bytes;
+use crate::recording::{
+    RecordingReader, SamplesCsvReader, Span, is_beyond_repair, is_samples_csv, read_joint_states,
+    separators_of_a_spreadsheet,
+};
+use crate::robot::{InOrder, LogColumns, RobotSample, Skip, SkippedRows, read_log};
 use std::path::Path;
 
 /// Largest log \[bytes\], because it is kept in memory: two hours of seven joints at 1 kHz.
@@ -38,7 +41,10 @@ impl RobotLog {
             skipped.check().map_err(|e| usage(&e))?;
             (samples, None, has_velocity)
         } else {
-            let text = read_text(path, MAX_LOG_BYTES).map_err(|e| usage(&e))?;
+            let text = read_text_or_other_bytes(path, MAX_LOG_BYTES).map_err(|e| usage(&e))?;
+            if let Some(words) = separators_of_a_spreadsheet(text.as_bytes()) {
+                return Err(usage(&words));
+            }
             if is_samples_csv(text.as_bytes()) {
                 let (samples, has_velocity) = of_export(&text, config, &mut skipped).map_err(|e| usage(&e))?;
                 skipped.check().map_err(|e| usage(&e))?;
@@ -88,13 +94,28 @@ fn of_export(text: &str, config: &RobotConfig, skipped: &mut SkippedRows) -> Res
     let (position_unit, input_unit) = robot_units(&config.model, &config.drives);
     let mut reader =
         SamplesCsvReader::of_units(text.as_bytes(), joints, position_unit, input_unit).map_err(|e| e.to_string())?;
-    let mut log: Vec<RobotSample> = Vec::new();
+    let mut log = InOrder::default();
     let mut has_velocity = true;
-    while let Some(sample) = reader.next_sample().map_err(|e| e.to_string())? {
-        // The header is line 1.
-        let line = skipped.rows + 2;
+    loop {
+        let sample = match reader.next_sample() {
+            Ok(None) => break,
+            Ok(Some(sample)) => sample,
+            Err(error) => {
+                let line = error.line().ok_or_else(|| error.to_string())?;
+                skipped.rows += 1;
+                skipped.skip(Skip::Unreadable, line as usize, || error.without_line());
+                continue;
+            }
+        };
+        let line = reader.line() as usize;
         skipped.rows += 1;
-        let next = of_message(&sample, config).map_err(|problem| format!("line {line}: {problem}"))?;
+        let next = match of_message(&sample, config) {
+            Ok(next) => next,
+            Err(problem) => {
+                skipped.skip(Skip::Unreadable, line, || problem);
+                continue;
+            }
+        };
         let signals = next.q.iter().chain(&next.dq).chain(&next.tau);
         if signals.into_iter().any(|x| !x.is_finite()) {
             skipped.skip(Skip::NotFinite, line, || {
@@ -102,18 +123,30 @@ fn of_export(text: &str, config: &RobotConfig, skipped: &mut SkippedRows) -> Res
             });
             continue;
         }
-        if let Some(last) = log.last()
-            && next.t_s <= last.t_s
-        {
-            return Err(format!(
-                "line {line}: expected a time after {} s, got {} s; --from and --to choose a part",
-                last.t_s, next.t_s
-            ));
-        }
         has_velocity &= sample.signals & signals::DQ != 0;
-        log.push(next);
+        log.take(next, line, skipped);
     }
-    Ok((log, has_velocity))
+    check_export(skipped)?;
+    Ok((log.samples, has_velocity))
+}
+
+/// Refuses an export with many unreadable rows or times that go back: it is another file or was
+/// edited. Values that are not finite are a matter of the robot's sensors.
+fn check_export(skipped: &SkippedRows) -> Result<(), String> {
+    let bad = skipped.unreadable + skipped.not_later;
+    match &skipped.first {
+        Some(first) if is_beyond_repair(bad as u64, skipped.rows as u64) => {
+            let advice = match skipped.not_later > skipped.unreadable {
+                true => "does it hold several streams? --from and --to of `export` choose one",
+                false => "is this the file that was exported?",
+            };
+            Err(format!(
+                "{first}; {bad} of {} rows cannot be used, more than 1 %: {advice}",
+                skipped.rows
+            ))
+        }
+        _ => Ok(()),
+    }
 }
 
 fn of_message(sample: &Sample, config: &RobotConfig) -> Result<RobotSample, String> {

@@ -4,7 +4,7 @@
 use super::Failure;
 use super::wiring::{fresh_estimator, identifier_node, identity};
 use crate::checkpoint::{self, Identity};
-use crate::config::{Config, ConfigError, Kind, keys};
+use crate::config::{Config, ConfigError, Kind, Short, keys};
 use crate::estimator::{ParameterPrior, StateMachine};
 use crate::messages::{Command, Item, MAX_ITEMS, Parts, Request, Response, item_kind, response_code};
 use crate::node::command::{Change, NodeState};
@@ -40,9 +40,17 @@ const TUNABLES: [(&str, fn(&Config) -> Option<f64>); 11] = [
     }),
 ];
 
-/// The longest block that a running identifier allocates \[samples\]: about 500 bytes each for the
+/// Samples of all blocks that a running identifier allocates at once: about 500 bytes each for the
 /// arm with a window every 20 samples, more for more joints and windows.
-const LONGEST_LIVE_BLOCK: usize = 500_000;
+const LIVE_SAMPLES: usize = 500_000;
+/// Duration of the longest block that can be set at run time \[s\]. No command takes effect within
+/// a block, so a longer one could not be undone for as long.
+const LONGEST_LIVE_S: f64 = 60.0;
+/// A block may become this many times as long as at the start, even if that is longer.
+const LONGER: usize = 10;
+/// Largest value at which a parameter without a bound can be fixed, in its SI unit, relative to its
+/// start value if that is above 1: no machine has a larger one, and its products must stay finite.
+const LARGEST: f64 = 1e9;
 
 /// Converts requests to changes, and keeps the configuration up to date as tunables are set.
 pub(super) struct Commands {
@@ -53,6 +61,10 @@ pub(super) struct Commands {
     bound: Option<(u32, Config)>,
     /// The longest N that may be requested; at least the one at the start.
     longest_block: usize,
+    /// Samples of all block lengths that wait together.
+    room: usize,
+    /// See [`LARGEST`].
+    largest: f64,
     identity: Identity,
     parts: Parts,
 }
@@ -74,13 +86,28 @@ pub(super) enum Wanted {
 impl Commands {
     /// For the initial configuration of the identifier.
     pub(super) fn new(config: &Config) -> Self {
+        let own = config.estimator.block_len;
+        let in_time = (LONGEST_LIVE_S / config.plant.sim.sample_period_s) as usize;
         Self {
             identity: identity(config),
             config: config.clone(),
             before: None,
             bound: None,
-            longest_block: LONGEST_LIVE_BLOCK.max(config.estimator.block_len),
+            longest_block: in_time.max(own.saturating_mul(LONGER)).min(LIVE_SAMPLES).max(own),
+            room: LIVE_SAMPLES.max(own),
+            largest: LARGEST,
             parts: Parts::default(),
+        }
+    }
+
+    /// The same for the commands in a recording, which took effect when they were given and must do
+    /// so again.
+    pub(super) fn recorded(config: &Config) -> Self {
+        let live = Self::new(config);
+        Self {
+            longest_block: live.room,
+            largest: f64::INFINITY,
+            ..live
         }
     }
 
@@ -89,9 +116,9 @@ impl Commands {
         &self.identity
     }
 
-    /// The longest block that may be allocated at run time \[samples\].
-    pub(super) fn longest_block(&self) -> u64 {
-        self.longest_block as u64
+    /// Samples of all block lengths that may wait together for their border.
+    pub(super) fn room(&self) -> u64 {
+        self.room as u64
     }
 
     /// Ends a stream: restores the tunables that were set only for it.
@@ -153,13 +180,11 @@ impl Commands {
                 let ParameterPrior { lower, upper, .. } = options.parameters[index];
                 let what = match request.value() {
                     None => format!("{name} is held at its estimate"),
-                    Some(value) if value.is_finite() && (lower..=upper).contains(&value) => {
-                        format!("{name} is held at {value}")
-                    }
                     Some(value) => {
-                        return Err(format!(
-                            "{name}: expected a number from {lower} to {upper}, got {value}"
-                        ));
+                        let parameter = &self.config.model.parameters()[index];
+                        let largest = self.largest * options.parameters[index].start.abs().max(1.0);
+                        fixable(value, [lower, upper], largest, &parameter.unit).map_err(|e| format!("{name}: {e}"))?;
+                        format!("{name} is held at {value}")
                     }
                 };
                 let change = Change::Fix {
@@ -253,11 +278,17 @@ impl Commands {
         if !value.is_finite() {
             return Err(format!("estimator.{own}: expected a finite number, got {value}"));
         }
-        if own == "block_len" && value > self.longest_block as f64 {
+        if own == "block_len" && !(1.0..=self.longest_block as f64).contains(&value) {
+            let advice = match value < 1.0 {
+                true => "",
+                false => {
+                    "; until such a block ends no other command takes effect: start the identifier with blocks that long"
+                }
+            };
             return Err(format!(
-                "block_len: expected at most {} while the identifier runs, because its memory is allocated at the start, got {value}; start the identifier \
-                 with blocks that long",
-                self.longest_block
+                "block_len: expected a whole number from 1 to {} [samples] while the identifier runs, got {}{advice}",
+                self.longest_block,
+                Short(value)
             ));
         }
         // The client has no use for a path, because there is no file.
@@ -316,6 +347,7 @@ impl Commands {
                 let (_, value) = TUNABLES.iter().find(|(name, _)| *name == key.name)?;
                 let value = value(&self.config)?;
                 let bounds = match key.kind {
+                    Kind::Whole(low, _) if key.name == "block_len" => (low as f64, self.longest_block as f64),
                     Kind::Whole(low, high) => (low as f64, high as f64),
                     Kind::Real(interval) => (interval.low, interval.high),
                     _ => none,
@@ -347,5 +379,83 @@ impl Commands {
             response.items_len += 1;
         }
         response
+    }
+}
+
+/// Refuses a value outside the parameter's bounds, or far beyond every machine.
+fn fixable(value: f64, [lower, upper]: [f64; 2], largest: f64, unit: &str) -> Result<(), String> {
+    let (low, high) = (lower.max(-largest), upper.min(largest));
+    match value.is_finite() && (low..=high).contains(&value) {
+        true => Ok(()),
+        false => {
+            let unit = if unit.is_empty() { "1" } else { unit };
+            let is_within_bounds = (lower..=upper).contains(&value);
+            let hint = match value.is_finite() && is_within_bounds {
+                true => "; no machine has such a value: is it in this unit?",
+                false => "",
+            };
+            Err(format!(
+                "expected a number from {} to {} [{unit}], got {}{hint}",
+                Short(low),
+                Short(high),
+                Short(value)
+            ))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn fault_a_parameter_cannot_be_fixed_outside_its_bounds_or_far_beyond_every_machine() {
+        let free = [f64::NEG_INFINITY, f64::INFINITY];
+        let not_negative = [0.0, f64::INFINITY];
+        for (value, bounds, said) in [
+            (2.0, not_negative, None),
+            (-2.0, free, None),
+            (
+                1e300,
+                not_negative,
+                Some("expected a number from 0 to 1e9 [kg], got 1e300; no machine has"),
+            ),
+            (
+                -1e300,
+                free,
+                Some("expected a number from -1e9 to 1e9 [kg], got -1e300; no machine has"),
+            ),
+            (-1.0, not_negative, Some("expected a number from 0 to 1e9 [kg], got -1")),
+            (
+                f64::INFINITY,
+                not_negative,
+                Some("expected a number from 0 to 1e9 [kg], got inf"),
+            ),
+            (f64::NAN, free, Some("got NaN")),
+            (3.0, [0.0, 2.5], Some("expected a number from 0 to 2.5 [kg], got 3")),
+        ] {
+            let error = fixable(value, bounds, LARGEST, "kg").err();
+            assert_eq!(error.is_some(), said.is_some(), "{value} {error:?}");
+            if let (Some(error), Some(said)) = (error, said) {
+                assert!(error.contains(said), "{error}");
+            }
+        }
+    }
+
+    #[test]
+    fn fault_a_block_that_could_not_be_undone_for_long_is_refused_with_the_range() {
+        let config = Config::load(&[], &["estimator.block_len=1000".to_owned()]).expect("valid");
+        let mut commands = Commands::new(&config);
+        let mut set = |value| {
+            let request = Request::new(Command::Set).named("block_len").with_value(value);
+            commands.prepare(&request).map(|_| ())
+        };
+        let error = set(1e7).expect_err("too long");
+        let range = format!(
+            "a whole number from 1 to {} [samples]",
+            (60.0 / config.plant.sim.sample_period_s) as u64
+        );
+        assert!(error.contains(&range) && error.contains("got 1e7"), "{error}");
+        assert_eq!(set(2000.0), Ok(()));
     }
 }

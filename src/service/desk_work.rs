@@ -159,7 +159,7 @@ impl Work {
         } = &change
         {
             let waiting: u64 = self.lengths.values().sum();
-            if waiting > 0 && waiting + block_len > self.commands.longest_block() {
+            if waiting > 0 && waiting + block_len > self.commands.room() {
                 self.commands.undo();
                 return failed(
                     "other block lengths are on their way and take all the room; try again after the next block",

@@ -47,7 +47,7 @@ pub fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
         .limit_recorded_memory()
         .map_err(|e| in_recording(&recording, &e))?;
     foreign::check_recording(reader.info(), as_recorded(args, reader.info()).as_ref(), &config)?;
-    let mut script = Script::read(&recording, Commands::new(&config))?;
+    let mut script = Script::read(&recording, Commands::recorded(&config))?;
     let truth = reader.info().simulated.then_some(&config.plant.sim);
     let monitor = monitor_node(&config, truth);
     let recorded = reader.info();

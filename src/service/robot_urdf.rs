@@ -132,7 +132,7 @@ impl Found {
             .and_then(|catalog| report::config_of(reader.info(), &catalog).ok());
         let config = own.load(vec![report::source_of(reader.info())], &[])?;
         foreign::check_recording(reader.info(), recorded.as_ref(), &config)?;
-        let mut script = Script::read(&recording, Commands::new(&config))?;
+        let mut script = Script::read(&recording, Commands::recorded(&config))?;
         let mut node = identifier_node(&config)?;
         while let Some(entry) = reader.next_entry().map_err(report::unreadable)? {
             let Entry::Sample { sample, .. } = entry else { continue };

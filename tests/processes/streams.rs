@@ -160,24 +160,23 @@ fn fault_a_flood_of_requests_fills_neither_queue_nor_memory_nor_log() {
     let long = ask(&Request::new(Command::Set).named("block_len").with_value(1e7));
     assert_eq!(long.code, response_code::REFUSED);
     assert!(
-        long.text()
-            .contains("expected at most 500000 while the identifier runs"),
+        long.text().contains("[samples] while the identifier runs"),
         "{}",
         long.text()
     );
-    // A hundred that fit one by one: together they take no more than one may.
+    // A hundred that fit one by one: together they take no more than half a million samples.
     let lengths: Vec<u32> = (0..100u32)
         .map(|i| {
             let set = Request::new(Command::Set).named("block_len");
             ask(&Request {
                 from_seq: u64::MAX - 1,
-                ..set.with_value(f64::from(400_000 + i))
+                ..set.with_value(f64::from(50_000 + i))
             })
             .code
         })
         .collect();
     assert!(
-        lengths.iter().filter(|code| **code == response_code::DONE).count() <= 1,
+        lengths.iter().filter(|code| **code == response_code::DONE).count() < 10,
         "{lengths:?}"
     );
     let refused = observer
@@ -195,7 +194,7 @@ fn fault_a_flood_of_requests_fills_neither_queue_nor_memory_nor_log() {
         .process
         .resident_bytes
         .saturating_sub(before.process.resident_bytes);
-    // Room for one block of 400 000 samples of 200 bytes may have been taken.
+    // Room for 500 000 samples of 200 bytes may have been taken.
     assert!(grown < 150 << 20, "{grown} bytes more");
     identifier.signal(Signal::SIGTERM);
     identifier.expect_code(0);

@@ -219,6 +219,11 @@ impl Kind {
         )
     }
 
+    /// True for keys whose value is a list of texts.
+    pub(super) fn is_list_of_text(&self) -> bool {
+        matches!(self, Self::Words | Self::Choices(_))
+    }
+
     /// "a whole number from 1 to 10 \[samples\]".
     pub fn expected(&self, unit: &str) -> String {
         let unit = match unit {

@@ -226,19 +226,26 @@ impl Layers {
             ));
         };
         let (path, text) = (path.trim(), text.trim());
+        if path.is_empty() {
+            let expected = "section.key=value, for example estimator.block_len=950";
+            return Err(Problem::expected(origin, "", expected, "no key before \"=\""));
+        }
         let Some(key) = self.schema.key(path) else {
             return Err(Problem::new(origin, &cut(path, MAX_KEY), unknown(self.schema, path)));
         };
         // A bare word is a string, so that no quotes need escaping in a shell.
         let bare = DeValue::String(text.into());
-        let parsed = match DeValue::parse(text) {
+        let with_quotes = if key.kind.is_list_of_text() {
+            quoted_items(text)
+        } else {
+            None
+        };
+        let toml = with_quotes.as_deref().unwrap_or(text);
+        let parsed = match DeValue::parse(toml) {
             Ok(value) if !key.kind.is_text() || value.get_ref().is_str() => value.into_inner(),
             Err(error) if text.starts_with(['[', '{', '"', '\'']) => {
-                return Err(Problem::new(
-                    origin,
-                    path,
-                    format!("not a TOML value: {}", error.message()),
-                ));
+                let got = format!("{}, which is not TOML: {}", shorten(text), error.message());
+                return Err(Problem::expected(origin, path, key.kind.expected(key.unit), got));
             }
             _ => bare,
         };
@@ -456,6 +463,25 @@ impl Layers {
     }
 }
 
+/// A list whose bare words are put in quotes, because a shell has removed those; the brackets of a
+/// list may be left out. `None` if there is nothing to quote.
+fn quoted_items(text: &str) -> Option<String> {
+    let in_brackets = text.strip_prefix('[').and_then(|text| text.strip_suffix(']'));
+    let inside = in_brackets.unwrap_or(text);
+    if inside.starts_with(['[', '{']) || in_brackets.is_none() && inside.is_empty() {
+        return None;
+    }
+    let is_bare = |item: &str| !item.is_empty() && !item.contains(['"', '\'', '[', ']', '\\']);
+    let quote = |item: &str| match is_bare(item.trim()) {
+        true => format!("\"{}\"", item.trim()),
+        false => item.to_owned(),
+    };
+    Some(format!(
+        "[{}]",
+        inside.split(',').map(quote).collect::<Vec<_>>().join(",")
+    ))
+}
+
 /// The word of a choice that was probably meant.
 fn meant(kind: Kind, value: &DeValue<'_>) -> Option<&'static str> {
     let (Kind::Choice(words) | Kind::Choices(words)) = kind else {
@@ -468,6 +494,8 @@ fn meant(kind: Kind, value: &DeValue<'_>) -> Option<&'static str> {
         }
         None => value.as_str(),
     };
+    // The right word in another form than a list.
+    let wrong = wrong.filter(|wrong| !words.contains(wrong));
     nearest(wrong?, words.iter().copied())
 }
 

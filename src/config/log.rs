@@ -16,8 +16,13 @@ pub(super) fn log(form: &FileForm, model: Option<&SharedModel>, check: &mut Chec
                 true => ("moves along a line", "\"m\", \"mm\" or \"um\""),
                 false => ("turns", "\"rad\", \"deg\" or \"turn\""),
             };
+            // The key that says so is often set elsewhere than the unit.
+            let by = match form.model.kind.as_str() {
+                "servo_axis" => format!(" (model.servo_axis.motion = \"{}\")", form.servo_axis.motion.word()),
+                _ => String::new(),
+            };
             let message = format!(
-                "expected {units}, since the model {axis}, got \"{}\"",
+                "expected {units}, since the model {axis}{by}, got \"{}\"",
                 section.position_unit.word()
             );
             check.wrong(check.culprit(&["log.position_unit", "log.q"]), message);

@@ -383,8 +383,11 @@ fn fault_a_wrong_argument_is_quoted() {
             "estimator=5",
             &["a section, not a key; its keys are estimator.block_len"],
         ),
-        ("plant.initial_q_rad=[0, ", &["not a TOML value"]),
-        ("=", &["unknown key"]),
+        (
+            "plant.initial_q_rad=[0, ",
+            &["which is not TOML", "a list of 2 numbers"],
+        ),
+        ("=", &["no key before"]),
         ("estimator.block_len=", &["block_len"]),
         ("plant.duration_s=1 2", &["\"1 2\""]),
     ] {
@@ -392,6 +395,12 @@ fn fault_a_wrong_argument_is_quoted() {
         for part in parts {
             assert!(message.contains(part), "{set}: expected {part:?} in: {message}");
         }
+    }
+    // A shell takes quotes away, so lists of words need none, and a single one no brackets.
+    for set in ["[theta_1, theta_3]", "[\"theta_1\", theta_3]", "theta_1,theta_3"] {
+        let config = load("", &[&format!("estimator.fixed={set}")]).expect(set);
+        let fixed: Vec<bool> = config.estimator.options.parameters.iter().map(|p| p.fixed).collect();
+        assert_eq!(fixed[..4], [true, false, true, false], "{set}");
     }
     // Names need no quotes even where they look like something else.
     assert_eq!(

@@ -57,7 +57,7 @@ pub struct ControllerArgs {
 pub struct WebArgs {
     /// Show it live as a page in a browser, on this machine only unless another address is named;
     /// port 0 for any that is free
-    #[arg(long, value_name = "ADDRESS:PORT", num_args = 0..=1, default_missing_value = "127.0.0.1:8080")]
+    #[arg(long, value_name = "ADDRESS:PORT", num_args = 0..=1, default_missing_value = "127.0.0.1:8080", value_parser = address)]
     pub web: Option<SocketAddr>,
     /// Let the page pause, resume, reset, fix and free; requires the token in the printed address
     #[arg(long, requires = "web")]
@@ -65,12 +65,29 @@ pub struct WebArgs {
     /// Stream samples, estimates and status to Foxglove or Lichtblick, ws://ADDRESS:PORT; the
     /// protocol has no token, so only on this machine
     #[cfg(feature = "foxglove")]
-    #[arg(long, value_name = "ADDRESS:PORT", num_args = 0..=1, default_missing_value = "127.0.0.1:8765")]
+    #[arg(long, value_name = "ADDRESS:PORT", num_args = 0..=1, default_missing_value = "127.0.0.1:8765", value_parser = address)]
     pub foxglove: Option<SocketAddr>,
     /// Also serve Foxglove on the network; anyone who can reach the address can read the data
     #[cfg(feature = "foxglove")]
     #[arg(long, requires = "foxglove")]
     pub foxglove_open: bool,
+}
+
+/// An address with a port; a port alone is one of this machine, and `localhost` is 127.0.0.1.
+fn address(text: &str) -> Result<SocketAddr, String> {
+    let (host, port) = match text.rsplit_once(':') {
+        None => ("127.0.0.1", text),
+        Some(("" | "localhost", port)) => ("127.0.0.1", port),
+        Some(parts) => parts,
+    };
+    if let Ok(address) = format!("{host}:{port}").parse() {
+        return Ok(address);
+    }
+    let advice = "such as 8080 or 127.0.0.1:8080 for this machine only, 0.0.0.0:8080 for the network";
+    Err(match port.parse::<u16>() {
+        Ok(_) => format!("expected the number of an address before the port, {advice}, got \"{host}\""),
+        Err(_) => format!("expected a port from 0 to 65535 or ADDRESS:PORT, {advice}"),
+    })
 }
 
 impl WebArgs {
@@ -160,4 +177,31 @@ pub struct RunArgs {
     /// Form of the result table on standard output
     #[arg(long, value_enum, value_name = "FORMAT", default_value_t)]
     pub format: TableFormat,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn fault_an_address_may_be_a_port_alone_and_anything_else_is_told_what_is_expected() {
+        for (text, meant) in [
+            ("8080", "127.0.0.1:8080"),
+            (":0", "127.0.0.1:0"),
+            ("localhost:8080", "127.0.0.1:8080"),
+            ("0.0.0.0:80", "0.0.0.0:80"),
+            ("[::1]:80", "[::1]:80"),
+        ] {
+            assert_eq!(address(text).map(|address| address.to_string()), Ok(meant.to_owned()));
+        }
+        for (text, said) in [
+            ("", "expected a port from 0 to 65535 or ADDRESS:PORT"),
+            ("99999", "expected a port from 0 to 65535"),
+            ("127.0.0.1", "expected a port"),
+            ("machine:80", "the number of an address before the port"),
+        ] {
+            let error = address(text).expect_err(text);
+            assert!(error.contains(said) && error.contains("127.0.0.1:8080"), "{error}");
+        }
+    }
 }

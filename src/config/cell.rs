@@ -15,6 +15,8 @@ pub struct CellRobot {
     pub name: String,
     /// Its own configuration.
     pub config: Option<PathBuf>,
+    /// File, line and key that name it.
+    pub config_place: String,
 }
 
 impl CellRobot {
@@ -59,6 +61,10 @@ fn robots(entries: usize, path: &Path, layers: &Layers) -> (Vec<CellRobot>, Vec<
             continue;
         };
         let config = value("config").and_then(|(config, _)| Some(base.join(config.as_str()?)));
+        let config_place = match value("config") {
+            Some((_, origin)) => format!("{origin}: {ROBOTS}[{entry}].config"),
+            None => String::new(),
+        };
         let names: Vec<String> = match value("count").and_then(|(count, _)| count.as_integer()) {
             None => vec![name.to_owned()],
             Some(count) => (1..=count).map(|i| format!("{name}-{i}")).collect(),
@@ -76,8 +82,11 @@ fn robots(entries: usize, path: &Path, layers: &Layers) -> (Vec<CellRobot>, Vec<
         }
         for name in names {
             seen.insert(name.clone(), entry);
-            let config = config.clone();
-            robots.push(CellRobot { name, config });
+            robots.push(CellRobot {
+                name,
+                config: config.clone(),
+                config_place: config_place.clone(),
+            });
         }
         if robots.len() as u64 > MAX_ROBOTS {
             wrong(format!("1 to {MAX_ROBOTS} robots in a file"), "more".to_owned());

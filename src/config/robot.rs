@@ -219,8 +219,13 @@ impl RobotForm {
     }
 }
 
-/// An error of the URDF by its own place.
-fn of_urdf(error: UrdfError, path: &Path) -> Problem {
+/// An error of the URDF by its own place; a file that cannot be read by the place that names it.
+fn of_urdf(error: UrdfError, path: &Path, layers: &Layers) -> Problem {
+    if error.is_of_file() {
+        const KEY: &str = "model.urdf";
+        let got = format!("{}: {}", path.display(), error.got);
+        return Problem::expected(layers.origin(KEY), KEY, error.expected, got);
+    }
     let origin = Origin::File {
         name: error.file.as_deref().unwrap_or(path).display().to_string(),
         line: error.line.unwrap_or(0),
@@ -247,7 +252,7 @@ fn build(form: &RobotForm, path: &Path, layers: &Layers) -> Result<RobotConfig, 
         tip: form.model.tip.clone(),
         joints: form.model.joints.clone(),
     };
-    let mut robot = Robot::from_file(&urdf, &selection).map_err(|e| vec![of_urdf(e, &urdf)])?;
+    let mut robot = Robot::from_file(&urdf, &selection).map_err(|e| vec![of_urdf(e, &urdf, layers)])?;
     let n = robot.len();
     if let Some(gravity) = gravity(form, &mut check) {
         robot.gravity = gravity;

@@ -22,6 +22,9 @@ pub struct UrdfError {
     pub got: String,
 }
 
+/// The element of an error that concerns the whole file.
+pub(super) const FILE: &str = "the file";
+
 impl UrdfError {
     /// An error of one element.
     pub(super) fn new(
@@ -37,6 +40,11 @@ impl UrdfError {
             expected: expected.into(),
             got: got.into(),
         }
+    }
+
+    /// True if the file could not be read at all.
+    pub fn is_of_file(&self) -> bool {
+        self.element == FILE
     }
 
     /// The same with the file.
@@ -344,7 +352,7 @@ pub enum RobotSimError {
 #[non_exhaustive]
 pub enum LoadError {
     /// A mass that is not above 0, or a centre that is not finite.
-    #[error("load: expected a mass above 0 and a finite centre of mass, got {mass_kg} kg at {center_m:?}")]
+    #[error("load: {}", numbers(*mass_kg, Some(*center_m), None))]
     Mass {
         /// Mass given \[kg\].
         mass_kg: f64,
@@ -357,7 +365,7 @@ pub enum LoadError {
     )]
     Inertia([f64; 6]),
     /// Numbers of a partly known load.
-    #[error("load: expected a mass above 0 and finite numbers, got {mass_kg} kg, {center_m:?}, {inertia_kg_m2:?}")]
+    #[error("load: {}", numbers(*mass_kg, *center_m, *inertia_kg_m2))]
     Numbers {
         /// Mass given \[kg\].
         mass_kg: f64,
@@ -366,6 +374,20 @@ pub enum LoadError {
         /// Inertia given \[kg m²\].
         inertia_kg_m2: Option<[f64; 6]>,
     },
+}
+
+/// Which of the numbers of a load is wrong.
+fn numbers(mass_kg: f64, center_m: Option<[f64; 3]>, inertia_kg_m2: Option<[f64; 6]>) -> String {
+    if !(mass_kg > 0.0 && mass_kg.is_finite()) {
+        return format!("mass: expected the mass of the load in kg, a finite number above 0, got {mass_kg}");
+    }
+    match (center_m, inertia_kg_m2) {
+        (Some(center), _) if center.iter().any(|x| !x.is_finite()) => {
+            format!("com: expected three finite numbers in m, got {center:?}")
+        }
+        (_, Some(inertia)) => format!("inertia: expected six finite numbers in kg m², got {inertia:?}"),
+        _ => format!("expected finite numbers, got {mass_kg} kg at {center_m:?} m"),
+    }
 }
 
 /// Estimates from which no physically possible robot follows.

@@ -1,7 +1,7 @@
 //! Converts links and joints to the tree of moving bodies: fixed links are merged into the body
 //! that carries them.
 
-use super::error::UrdfError;
+use super::error::{FILE, UrdfError};
 use super::spatial::{BodyParameters, Placement};
 use super::urdf::{Joint, JointKind, Limits, Urdf};
 use super::xml;
@@ -14,6 +14,10 @@ const STANDARD_GRAVITY: [f64; 3] = [0.0, 0.0, -9.81];
 
 /// Relative excess of a principal inertia that may be rounding in the file.
 const ROUNDED: f64 = 0.02;
+
+/// Distance from a joint to the next, or to a centre of mass, beyond which the file is hardly in
+/// metres \[m\].
+const LONGEST_M: f64 = 20.0;
 
 /// The part of a URDF that is the robot.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -85,7 +89,7 @@ impl Robot {
     /// # Errors
     /// If the file cannot be read; otherwise see [`from_urdf`](Self::from_urdf).
     pub fn from_file(path: &Path, selection: &Selection) -> Result<Self, UrdfError> {
-        let unreadable = |got: String| UrdfError::new(None, "the file", "a URDF that can be read", got).in_file(path);
+        let unreadable = |got: String| UrdfError::new(None, FILE, "a URDF that can be read", got).in_file(path);
         let found = std::fs::metadata(path).map_err(|e| unreadable(e.to_string()))?;
         // Opening a named pipe would wait for a writer, and a device may never end.
         if !found.is_file() {
@@ -124,6 +128,28 @@ impl Robot {
                 "link \"{}\": no body has its <inertia>: expected each principal inertia to be at most the sum of the two others, \
                  got one that is larger; look at ixx, iyy and izz, and at their unit",
                 link.name
+            )
+        })
+    }
+
+    /// A warning about lengths that no arm has: a joint or a centre of mass too far from the joint
+    /// before it.
+    pub fn suspicious_length(&self) -> Option<String> {
+        let joints = self.joints.iter().map(|joint| {
+            let length_m = joint.placement.translation.norm();
+            (length_m, format!("joint \"{}\": its <origin>", joint.name))
+        });
+        let centers = self.links.iter().filter_map(|link| {
+            let body = link.body.filter(|body| body.mass() > 0.0)?;
+            let center = body.first_moment() / body.mass();
+            let what = format!("link \"{}\": the centre of its mass", link.name);
+            Some((center.norm(), what))
+        });
+        let (length_m, what) = joints.chain(centers).max_by(|a, b| a.0.total_cmp(&b.0))?;
+        (length_m > LONGEST_M).then(|| {
+            format!(
+                "{what} is {length_m:.1} m from the joint before; a URDF is in metres and kg m²: if this one is in millimetres, \
+                 divide its lengths by 1000 and its inertias by 1 000 000"
             )
         })
     }

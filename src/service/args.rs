@@ -121,8 +121,19 @@ impl CommonArgs {
     /// line says with words of its own. With neither sources nor files it is [`BUILT_IN`], so that
     /// programs which are started one by one mean the same as `thetabus run`.
     pub(super) fn load(&self, sources: Vec<Source>, own: &[(&str, Option<String>)]) -> Result<Config, Failure> {
+        let of_sources = sources.iter().filter_map(|source| match source {
+            Source::File(path) => Some(path.clone()),
+            _ => None,
+        });
+        let files: Vec<PathBuf> = of_sources.chain(self.config.clone()).collect();
         let config = self.load_quietly(sources, own)?;
         self.warn(&config);
+        if !self.is_launched() {
+            let words = files
+                .iter()
+                .filter_map(|path| super::robot::suspicious_length(path, &self.set));
+            words.for_each(|words| tracing::warn!("{words}"));
+        }
         Ok(config)
     }
 
@@ -234,6 +245,9 @@ pub(super) fn quoted(value: Option<impl Into<String>>) -> Option<String> {
 
 /// The domain of a configuration.
 pub(super) fn domain(config: &Config) -> Result<Domain, Failure> {
+    if let Some(words) = Domain::warning() {
+        tracing::warn!("{words}");
+    }
     Ok(Domain::new(&config.bus.domain)?.with_limits(Limits {
         sample_buffer: config.bus.sample_buffer,
         sample_subscribers: config.bus.max_sample_subscribers,

@@ -12,6 +12,13 @@ use std::fmt::Write as _;
 /// # Errors
 /// If the configuration, a log or the load is wrong.
 pub fn run(args: &CalibrateArgs) -> Result<Exit, Failure> {
+    // At once, because reading the logs takes long.
+    if !(args.mass > 0.0 && args.mass.is_finite()) {
+        return Err(Failure::Usage(format!(
+            "--mass: expected the mass of the load in kg, a finite number above 0, got {}; the log without load is given first",
+            args.mass
+        )));
+    }
     let mut config = RobotConfig::from_file(&args.config)?;
     if config.drives.coupling.is_some() {
         return Err(Failure::Usage(format!(

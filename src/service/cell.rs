@@ -46,12 +46,32 @@ pub(super) fn sources(files: &[PathBuf], robot: Option<&str>) -> Result<Vec<Sour
             None => sources.push(Source::File(path.clone())),
             Some(robots) => {
                 let own = pick(path, robots, robot)?;
-                sources.extend(own.config.map(Source::File));
+                if let Some(config) = own.config {
+                    readable(&config, &own.config_place)?;
+                    sources.push(Source::File(config));
+                }
                 sources.push(Source::Shared(path.clone()));
             }
         }
     }
     Ok(sources)
+}
+
+/// Refuses a file of an entry that cannot be opened, at the place that names it.
+fn readable(config: &Path, place: &str) -> Result<(), Failure> {
+    let refused = |got: String| {
+        Err(Failure::Usage(format!(
+            "{place}: expected a configuration file, got {got}"
+        )))
+    };
+    let unopened = |e: std::io::Error| refused(format!("{}, which cannot be opened: {e}", config.display()));
+    match config.metadata() {
+        Err(e) => unopened(e),
+        Ok(found) if found.is_dir() => refused(format!("the directory {}", config.display())),
+        Ok(found) if found.is_file() => std::fs::File::open(config).map(|_| ()).or_else(unopened),
+        // Opening a pipe would wait for a writer; the loader refuses it.
+        Ok(_) => Ok(()),
+    }
 }
 
 fn pick(path: &Path, robots: Vec<CellRobot>, wanted: Option<&str>) -> Result<CellRobot, Failure> {
@@ -90,4 +110,25 @@ fn read(path: &Path) -> Result<Option<Vec<CellRobot>>, Failure> {
     }
     let text = read_text(path, MAX_SETTINGS_BYTES).unwrap_or_default();
     Ok(CellRobot::parse(&text, path)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn fault_a_missing_file_of_an_entry_is_told_with_file_line_and_key() {
+        let dir = tempfile::tempdir().expect("a directory");
+        let cell = dir.path().join("cell.toml");
+        for (name, said) in [
+            ("none.toml", "which cannot be opened: No such file"),
+            (".", "got the directory"),
+        ] {
+            let text = format!("[[robot]]\nname = \"a\"\nconfig = \"{name}\"\n");
+            std::fs::write(&cell, text).expect("written");
+            let error = sources(std::slice::from_ref(&cell), None).expect_err(name).to_string();
+            let place = format!("{}:3: robot[1].config: expected a configuration file, ", cell.display());
+            assert!(error.contains(&place) && error.contains(said), "{error}");
+        }
+    }
 }

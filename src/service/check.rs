@@ -41,7 +41,8 @@ pub fn config_check(file: &Path, set: &[String], common: &CommonArgs) -> Result<
     }
     if let Some(text) = robot_text(file) {
         let robot = RobotConfig::parse_with(&text, file, set)?;
-        for problem in robot.model.robot().impossible_links() {
+        let arm = robot.model.robot();
+        for problem in arm.impossible_links().chain(arm.suspicious_length()) {
             logging::result(&format!("warning: {}: {problem}", robot.urdf.display()))?;
         }
     }

@@ -1,6 +1,6 @@
 //! `thetabus export`: a recording's samples as a table.
 
-use super::new_file::not_written;
+use super::new_file::{not_written, whole};
 use super::record::recording_at;
 use super::{Exit, ExportArgs, Failure, report};
 use crate::messages::Sample;
@@ -21,7 +21,7 @@ pub fn run(args: &ExportArgs) -> Result<Exit, Failure> {
     let name = args
         .out
         .as_ref()
-        .map_or("standard output".to_owned(), |out| out.display().to_string());
+        .map_or("standard output".to_owned(), |out| whole(out).display().to_string());
     let unwritable = |e: io::Error| not_written(&name, &e);
     let sink: Box<dyn Write> = match &args.out {
         Some(out) => Box::new(BufWriter::new(File::create_new(out).map_err(unwritable)?)),

@@ -3,6 +3,7 @@
 
 use super::args::{Launched, domain};
 use super::desk::{Desk, DeskSetup, last_checkpoint};
+use super::new_file::whole;
 use super::readiness::{Watchdog, ready};
 use super::wiring::identifier_node;
 use super::{Exit, Failure, IdentifierArgs, child, logging, warm};
@@ -118,6 +119,7 @@ fn make_checkpoint_dir(config: &Config) -> Result<(), Failure> {
         return Ok(());
     };
     std::fs::create_dir_all(dir).map_err(|e| {
+        let dir = whole(dir);
         let dir = dir.display();
         Failure::Usage(format!(
             "checkpoint.dir: {dir} cannot be made: {e}; name a directory that can be written"

@@ -1,5 +1,6 @@
 //! `thetabus identify LOG.csv --config ROBOT.toml`: a robot from its URDF, off line.
 
+use super::monitor::unwritable;
 use super::offline_run::tell_stopped;
 use super::robot::robot_text;
 use super::robot_log::RobotLog;
@@ -247,7 +248,8 @@ fn cut(args: &IdentifyArgs, mut log: RobotLog) -> Result<RobotLog, Failure> {
 }
 
 fn write(dir: &Path, name: &str, text: &str) -> Result<(), Failure> {
-    std::fs::write(dir.join(name), text).map_err(|e| Failure::Failed(format!("{name} cannot be written: {e}")))
+    let path = dir.join(name);
+    std::fs::write(&path, text).map_err(|e| unwritable(&path, &e))
 }
 
 fn pretty(value: &Value) -> Result<String, Failure> {

@@ -67,7 +67,7 @@ pub fn run(args: &RunArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let files = args.file.iter().chain(&args.plant.common.config);
     let own = super::robot::as_file(files, &args.plant.common.set, &config, &dir)?;
     files::write_synced(&config_file, own.unwrap_or_else(|| config.to_toml()).as_bytes())
-        .map_err(|e| Failure::Failed(format!("{} cannot be written: {e}", config_file.display())))?;
+        .map_err(|e| super::monitor::unwritable(&config_file, &e))?;
 
     let bus = Bus::join(&domain, &robot, "run")?;
     let status = Subscriber::<Status>::new(&bus)?;

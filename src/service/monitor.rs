@@ -3,6 +3,7 @@
 use super::args::{domain, quoted};
 use super::description::monitor_of;
 use super::live::Live;
+use super::new_file::whole;
 use super::record::{Records, recorder};
 use super::wiring::monitor_node;
 use super::{Exit, Failure, MonitorArgs, child, foreign, logging, out_dir, readiness};
@@ -107,8 +108,11 @@ impl<'a> Monitor<'a> {
             remember(&mut node, path);
         }
         let equations = config.model.structure().equations.len();
-        let csv = dir.map(|dir| estimates_csv(&dir.join(ESTIMATES_CSV), &node, equations, resume));
-        let csv = csv.transpose().map_err(|e| unwritable(ESTIMATES_CSV, &e))?;
+        let csv = dir.map(|dir| {
+            let path = dir.join(ESTIMATES_CSV);
+            estimates_csv(&path, &node, equations, resume).map_err(|e| unwritable(&path, &e))
+        });
+        let csv = csv.transpose()?;
         let recorder = args
             .record
             .as_ref()
@@ -247,7 +251,7 @@ fn renamed_csv(path: &Path, node: &MonitorNode, equations: u32) -> Result<Estima
             node.derived(),
         )
     };
-    begin().map_err(|e| unwritable(ESTIMATES_CSV, &e))
+    begin().map_err(|e| unwritable(path, &e))
 }
 
 /// A new file with its header, or that of a monitor that died.
@@ -298,14 +302,15 @@ fn remember(node: &mut MonitorNode, recording: &Path) {
 }
 
 pub(super) fn write_summary(dir: &Path, summary: &Summary) -> Result<(), Failure> {
+    let path = dir.join(SUMMARY_JSON);
     let write = || -> io::Result<()> {
         let mut text = serde_json::to_string_pretty(summary)?;
         text.push('\n');
-        files::write_synced(&dir.join(SUMMARY_JSON), text.as_bytes())
+        files::write_synced(&path, text.as_bytes())
     };
-    write().map_err(|e| unwritable(SUMMARY_JSON, &e))
+    write().map_err(|e| unwritable(&path, &e))
 }
 
-pub(super) fn unwritable(name: &str, error: &io::Error) -> Failure {
-    Failure::Failed(format!("{name} cannot be written: {error}"))
+pub(super) fn unwritable(path: &Path, error: &io::Error) -> Failure {
+    Failure::Failed(format!("{} cannot be written: {error}", whole(path).display()))
 }

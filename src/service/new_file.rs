@@ -4,7 +4,7 @@ use super::Failure;
 use std::fmt::Display;
 use std::fs::File;
 use std::io::{self, ErrorKind, Write as _};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Writes a file that does not exist yet.
 ///
@@ -12,7 +12,7 @@ use std::path::Path;
 /// If it exists or cannot be written.
 pub(super) fn write_new(path: &Path, text: &str) -> Result<(), Failure> {
     let written = File::create_new(path).and_then(|mut file| file.write_all(text.as_bytes()));
-    written.map_err(|e| not_written(&path.display(), &e))
+    written.map_err(|e| not_written(&whole(path).display(), &e))
 }
 
 /// Refuses a file that exists, before anything is computed for it.
@@ -24,6 +24,11 @@ pub(super) fn refuse_existing(path: &Path) -> Result<(), Failure> {
         true => Err(not_written(&path.display(), &ErrorKind::AlreadyExists.into())),
         false => Ok(()),
     }
+}
+
+/// The path from the root, for messages: a relative one says little without the working directory.
+pub(super) fn whole(path: &Path) -> PathBuf {
+    std::path::absolute(path).unwrap_or_else(|_| path.to_owned())
 }
 
 /// Why a new file was not written.

@@ -92,9 +92,10 @@ impl<'a> OfflineRun<'a> {
         if let (0, Some(dir)) = (self.run.samples, &self.args.out) {
             out_dir::create(dir)?;
             let (monitor, equations) = (&self.run.monitor, self.run.info.equations.len());
-            let csv = File::create_new(dir.join(ESTIMATES_CSV))
+            let path = dir.join(ESTIMATES_CSV);
+            let csv = File::create_new(&path)
                 .and_then(|file| EstimatesCsv::new(file, monitor.parameters(), equations, monitor.derived()));
-            self.csv = Some(csv.map_err(|e| unwritable(ESTIMATES_CSV, &e))?);
+            self.csv = Some(csv.map_err(|e| unwritable(&path, &e))?);
         }
         self.run.sample(sample, 0);
         self.advisor.take(sample);
@@ -107,7 +108,10 @@ impl<'a> OfflineRun<'a> {
                 written = csv.write(estimate);
             }
         });
-        written.map_err(|e| unwritable(ESTIMATES_CSV, &e))
+        written.map_err(|e| match &self.args.out {
+            Some(dir) => unwritable(&dir.join(ESTIMATES_CSV), &e),
+            None => unwritable(Path::new(ESTIMATES_CSV), &e),
+        })
     }
 
     /// The last estimates with their standard deviations; none without a block.

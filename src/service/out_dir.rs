@@ -1,6 +1,7 @@
 //! The directory of results, which is never overwritten.
 
 use super::Failure;
+use super::new_file::whole;
 use std::path::{Path, PathBuf};
 
 /// Refuses a directory that is not empty, and anything that is not a directory.
@@ -16,15 +17,19 @@ pub(super) fn check(dir: &Path) -> Result<(), Failure> {
         Err(e) if e.kind() == std::io::ErrorKind::NotFound => Ok(()),
         Err(e) => Err(Failure::Usage(format!(
             "the directory for results, {}, cannot be used: {e}; name another by --out or monitor.out_dir",
-            dir.display()
+            whole(dir).display()
         ))),
     }
 }
 
 /// Creates it.
 pub(super) fn create(dir: &Path) -> Result<(), Failure> {
-    std::fs::create_dir_all(dir)
-        .map_err(|e| Failure::Failed(format!("cannot make the directory for results, {}: {e}", dir.display())))
+    std::fs::create_dir_all(dir).map_err(|e| {
+        Failure::Failed(format!(
+            "cannot make the directory for results, {}: {e}; name another by --out or monitor.out_dir",
+            whole(dir).display()
+        ))
+    })
 }
 
 /// `thetabus-out/<time>` in UTC, with a number appended if that exists.

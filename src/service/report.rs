@@ -1,6 +1,7 @@
 //! `thetabus report`: figures, page and table of a recorded run.
 
 use super::monitor::{SUMMARY_JSON, write_summary};
+use super::new_file::whole;
 use super::record::recording_at;
 use super::ticker::Ticker;
 use super::wiring::{input_prediction, monitor_node};
@@ -139,8 +140,12 @@ pub(super) fn source_of(info: &RunInfo) -> Source {
 /// Writes figures and page.
 pub(super) fn write(dir: &Path, run: &RunData, summary: &Summary, ticker: &Ticker) -> Result<PathBuf, Failure> {
     ticker.stage("drawing the figures");
-    write_report(dir, run, summary, |share| ticker.at(share))
-        .map_err(|e| Failure::Failed(format!("the report cannot be written into {}: {e}", dir.display())))
+    write_report(dir, run, summary, |share| ticker.at(share)).map_err(|e| {
+        Failure::Failed(format!(
+            "the report cannot be written into {}: {e}",
+            whole(dir).display()
+        ))
+    })
 }
 
 /// Exit code of a program that read this recording; warns if something was lost.

@@ -115,6 +115,13 @@ pub(super) fn source(
     }))
 }
 
+/// A warning about a robot's file of the command line, if its URDF is hardly in metres.
+pub(super) fn suspicious_length(path: &Path, set: &[String]) -> Option<String> {
+    let config = RobotConfig::parse_with(&robot_text(path)?, path, set).ok()?;
+    let words = config.model.robot().suspicious_length()?;
+    Some(format!("{}: {words}", config.urdf.display()))
+}
+
 /// Refuses an argument of `--set` for a section that only a robot's file has.
 ///
 /// # Errors

@@ -13,7 +13,8 @@ pub(super) fn tell(input: &Path, config: &RobotConfig, log: &RobotLog) {
         tracing::info!("{place}: {line}");
     }
     tell_skipped(input, log);
-    for problem in config.model.robot().impossible_links() {
+    let robot = config.model.robot();
+    for problem in robot.impossible_links().chain(robot.suspicious_length()) {
         tracing::warn!("{}: {problem}", config.urdf.display());
     }
     tell_velocities(input, config, log);

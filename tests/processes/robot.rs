@@ -116,7 +116,7 @@ fn e2e_a_robot_with_a_wrong_file_is_refused_by_its_place() {
         (
             model("missing.urdf"),
             "log.csv",
-            "missing.urdf: the file: expected a URDF that can be read",
+            "robot.toml:3: model.urdf: expected a URDF that can be read, got ",
         ),
         (
             model("arm.urdf") + "tips = 3\n",
@@ -374,7 +374,11 @@ fn e2e_gains_are_calibrated_from_logs_with_a_known_load() {
         "-2",
     ]);
     wrong.expect_code(2);
-    assert!(wrong.stderr().contains("expected a mass above 0"), "{}", wrong.stderr());
+    assert!(
+        wrong.stderr().contains("a finite number above 0, got -2"),
+        "{}",
+        wrong.stderr()
+    );
 
     let out = at("result");
     let mut identify = site.start(
@@ -428,7 +432,7 @@ fn e2e_a_load_is_declared_by_a_command() {
         (estimate.derived[0] - 1.5).abs() > 1e-6
     });
     for (args, said) in [
-        (&["payload", "--mass", "-1"][..], "expected a mass above 0"),
+        (&["payload", "--mass", "-1"][..], "a finite number above 0, got -1"),
         (
             &["payload", "--mass", "1", "--inertia", "1,0,0.1,0,0,0.1"],
             "inertia that a body can have",

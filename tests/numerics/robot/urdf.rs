@@ -357,3 +357,33 @@ fn fault_links_whose_inertia_no_body_has_are_named() {
         assert_eq!(robot(urdf).impossible_links().count(), 0);
     }
 }
+
+/// A file that was exported in millimetres is read, because nothing in it is impossible, but told.
+#[test]
+fn fault_a_file_in_millimetres_is_told_by_its_longest_distance() {
+    let urdf = |joint_m: f64, center_m: f64| {
+        format!(
+            r#"<robot name="r"><link name="base"/><joint name="j" type="continuous"><parent link="base"/><child link="arm"/>
+            <origin xyz="0 0 {joint_m}"/><axis xyz="0 0 1"/></joint><link name="arm"><inertial><origin xyz="{center_m} 0 0"/>
+            <mass value="2"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link></robot>"#
+        )
+    };
+    for (joint_m, center_m, said) in [
+        (0.3, 0.2, None),
+        (15.0, 5.0, None),
+        (300.0, 200.0, Some("joint \"j\": its <origin> is 300.0 m")),
+        (0.0, 200.0, Some("link \"arm\": the centre of its mass is 200.0 m")),
+    ] {
+        let found = robot(&urdf(joint_m, center_m)).suspicious_length();
+        match said {
+            None => assert_eq!(found, None),
+            Some(said) => {
+                let found = found.unwrap();
+                assert!(found.starts_with(said) && found.contains("millimetres"), "{found}");
+            }
+        }
+    }
+    for urdf in [SIX_AXIS, SEVEN_AXIS] {
+        assert_eq!(robot(urdf).suspicious_length(), None);
+    }
+}

@@ -6,7 +6,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use std::path::PathBuf;
-use thetabus::config::{Catalog, Config, Source};
+use thetabus::config::{Catalog, Config, ConfigError, Source};
 use thetabus::messages::{Message as _, Sample};
 use thetabus::node::model::SharedModel;
 
@@ -30,8 +30,28 @@ impl Outcome {
     }
 }
 
+/// The models that a program in Python does not have: those of robots from a URDF, and a Rust
+/// program's own.
+const OTHER_MODELS: &str = "thetabus.identify has no such model: robots from a URDF are identified by the command `thetabus identify \
+     RECORDING|LOG.csv --config ROBOT.toml`, and a model of your own by its own program";
+
+/// Errors of a configuration in words. If it is for a model that is not available here, only that is
+/// said: every key of that model would be unknown.
+fn in_words(error: &ConfigError) -> String {
+    let of_kind: Vec<String> = error
+        .problems
+        .iter()
+        .filter(|problem| problem.key == "model.kind")
+        .map(|problem| format!("{problem}; {OTHER_MODELS}"))
+        .collect();
+    match of_kind.is_empty() {
+        true => error.to_string(),
+        false => of_kind.join("\n"),
+    }
+}
+
 fn run(catalog: &Catalog, sources: &[Source], arguments: &[String], samples: &[u8]) -> Result<Outcome, String> {
-    let config = Config::load_for(catalog, sources, arguments).map_err(|e| e.to_string())?;
+    let config = Config::load_for(catalog, sources, arguments).map_err(|e| in_words(&e))?;
     config.limit_recorded_memory().map_err(|e| e.to_string())?;
     let mut node = config.identifier().map_err(|e| e.to_string())?;
     let mut estimates = Vec::new();

@@ -63,3 +63,29 @@ def test_ident_arrays_are_identified_with_a_configuration(site):
         thetabus.identify({"q": q, "input": u[1:]}, config)
     with pytest.raises(thetabus.ThetabusError, match="block_lenn"):
         thetabus.identify({"q": q, "input": u}, config, set=["estimator.block_lenn=1"])
+
+
+def test_fault_a_wrong_source_is_named_with_what_to_do(tmp_path):
+    config = ROOT / "config" / "servo_axis.toml"
+    table = tmp_path / "log.csv"
+    table.write_text("t_s,q\n0,1\n")
+    q = np.zeros(100)
+    cases = [
+        (table, None, ValueError, "log.csv, a table: read it into arrays.*thetabus identify"),
+        (tmp_path / "none", None, FileNotFoundError, "none, which does not exist"),
+        (tmp_path, None, ValueError, "recording.mcap in it"),
+        (config, None, thetabus.ThetabusError, "not a recording"),
+        ([1.0], None, TypeError, "expected a recording.*got list"),
+        ({"q": q, "input": q}, ROOT / "config/robots/six_axis.toml", thetabus.ThetabusError, "robots from a URDF are identified by the command"),
+        ({"q": np.zeros((9, 2)), "input": np.zeros((9, 2))}, config, ValueError, r"1 joint\(s\).*servo_axis has, got the shape \(9, 2\)"),
+        ({"q": np.zeros((9, 1, 1)), "input": np.zeros((9, 1, 1))}, config, ValueError, "samples by joints"),
+        ({"q": 1.0, "input": 2.0}, config, ValueError, "samples by joints"),
+        ({"q": "abc", "input": q}, config, ValueError, "q: expected an array of numbers, got str"),
+        ({"q": q[:0], "input": q[:0]}, config, ValueError, "got none"),
+        ({"q": q, "input": q, "t_s": q[:5]}, config, ValueError, "t_s: expected 100 times"),
+        ({"q": q, "input": q, "t_s": q}, config, ValueError, "got 0.0 s after 0.0 s at index 1"),
+        ({"q": q, "input": q, "t_s": q * np.nan}, config, ValueError, "got nan at index 0"),
+    ]
+    for source, file, error, words in cases:
+        with pytest.raises(error, match=words):
+            thetabus.identify(source, file)

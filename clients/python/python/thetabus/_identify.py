@@ -10,7 +10,7 @@ import numpy as np
 
 from . import _thetabus
 from ._layout import DTYPES
-from ._linear import LinearPlant, _rows_as_samples
+from ._linear import LinearPlant, _numbers, _rows_as_samples, _seconds
 from ._messages import Description, Estimate, Status
 from ._recording import _SIGNALS, Recording
 
@@ -34,16 +34,46 @@ class Identification:
         return self.estimates[-1]
 
 
-def _samples(arrays: Mapping[str, Any], period_ns: int) -> bytes:
+_SOURCES = 'a recording, its path or that of its directory, or arrays by signal: {"q": q, "input": torque}'
+_MAX_JOINTS = DTYPES["Sample"]["q"].shape[0]
+
+
+def _recording(source: Any) -> Recording:
+    """The recording that was named; an error that says what else was named and what to do with it."""
+    try:
+        path = os.path.abspath(os.fsdecode(source))
+    except TypeError:
+        raise TypeError(f"source: expected {_SOURCES}; got {type(source).__name__}") from None
+    if not os.path.exists(path):
+        raise FileNotFoundError(f"source: expected {_SOURCES}; got {path}, which does not exist")
+    if os.path.isdir(path) and not os.path.isfile(os.path.join(path, "recording.mcap")):
+        raise ValueError(f"source: expected a directory of results with recording.mcap in it, got {path} without one")
+    if path.lower().endswith((".csv", ".txt", ".tsv", ".log")):
+        raise ValueError(
+            f"source: expected {_SOURCES}; got {path}, a table: read it into arrays in SI units, for example with "
+            f"numpy.genfromtxt(path, delimiter=',', names=True), or identify it by the command `thetabus identify {path} --config FILE.toml`"
+        )
+    return Recording(source)
+
+
+def _samples(arrays: Mapping[str, Any], period_ns: int, model: str, joints_of_model: int) -> bytes:
     unknown = set(arrays) - {*_SIGNALS, "t_s"}
     if unknown:
         raise ValueError(f"expected signals out of {', '.join(_SIGNALS)} and t_s, got {', '.join(sorted(unknown))}")
-    signals = {name: np.asarray(values, dtype=np.float64) for name, values in arrays.items() if name != "t_s"}
+    signals = {name: _numbers(name, values) for name, values in arrays.items() if name != "t_s"}
     signals = {name: values[:, None] if values.ndim == 1 else values for name, values in signals.items()}
-    if not signals or len({values.shape for values in signals.values()}) != 1:
+    is_table = all(values.ndim == 2 for values in signals.values())
+    if not signals or not is_table or len({values.shape for values in signals.values()}) != 1:
         shapes = ", ".join(f"{name} {values.shape}" for name, values in signals.items())
         raise ValueError(f"expected arrays of one shape, samples by joints, got {shapes or 'none'}")
     length, joints = next(iter(signals.values())).shape
+    if joints != joints_of_model or joints > _MAX_JOINTS:
+        first = next(iter(signals))
+        raise ValueError(
+            f"{first}: expected samples by {joints_of_model} joint(s), as many as the model {model} has, got the shape {signals[first].shape}"
+        )
+    if not length:
+        raise ValueError("expected arrays with samples, got none")
     samples = np.zeros(length, dtype=DTYPES["Sample"])
     samples["stream_id"], samples["joints"] = 1, joints
     times = arrays.get("t_s")
@@ -51,9 +81,7 @@ def _samples(arrays: Mapping[str, Any], period_ns: int) -> bytes:
         samples["seq"] = np.arange(length)
         samples["t_ns"] = np.arange(length, dtype=np.uint64) * np.uint64(period_ns)
     else:
-        seconds = np.asarray(times, dtype=np.float64)
-        if seconds.shape != (length,):
-            raise ValueError(f"t_s: expected {length} times, got {seconds.shape}")
+        seconds = _seconds(times, length)
         t_ns = np.round((seconds - seconds[0]) * 1e9)
         samples["t_ns"], samples["seq"] = t_ns, np.round(t_ns / period_ns)
     for name, values in signals.items():
@@ -79,6 +107,8 @@ def identify(
 
     `plant`: a machine that is defined in Python, whose rows are made from the arrays, samples `sample_period_s` apart, 1 ms by default. Its
     estimator is that of every machine, so `config` and `set` may change what stands in section `estimator`.
+
+    Robots from a URDF, and logs in CSV, are identified by the command `thetabus identify`.
     """
     overrides = [set] if isinstance(set, str) else list(set)
     if sample_period_s is not None:
@@ -88,13 +118,14 @@ def identify(
             raise TypeError("plant: expected arrays by signal as the source, not a recording")
         return _identify_linear(source, plant, config, overrides, sample_period_s or 1e-3)
     if not isinstance(source, (Recording, Mapping)):
-        source = Recording(source)
+        source = _recording(source)
     if isinstance(source, Recording):
         recorded, samples = source.info["config"], source.raw_samples.tobytes()
     else:
         # the sample period stands in the configuration, which a first look without samples gives
         described, _, _ = _thetabus.identify(config, None, overrides, b"")
-        recorded, samples = None, _samples(source, round(Description._of(described).sample_period_s * 1e9))
+        model = Description._of(described)
+        recorded, samples = None, _samples(source, round(model.sample_period_s * 1e9), model.model, len(model.joints))
     return _outcome(*_thetabus.identify(config, recorded, overrides, samples))
 
 

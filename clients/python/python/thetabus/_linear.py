@@ -64,15 +64,36 @@ class LinearPlant:
         return phi, y
 
 
+def _numbers(name: str, values: Any) -> Array:
+    """Values as an array of numbers; ValueError with their name if they are none."""
+    try:
+        return np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name}: expected an array of numbers, got {type(values).__name__} ({error})") from None
+
+
+def _seconds(times: Any, length: int) -> Array:
+    """Times of samples [s]: one for each, finite and in their order; ValueError with the first that is not."""
+    seconds = _numbers("t_s", times)
+    if seconds.shape != (length,):
+        raise ValueError(f"t_s: expected {length} times, one for each sample, got an array of the shape {seconds.shape}")
+    wrong = np.flatnonzero(~np.isfinite(seconds))
+    if len(wrong):
+        raise ValueError(f"t_s: expected finite times in s, got {seconds[wrong[0]]} at index {wrong[0]}; leave such samples out")
+    back = np.flatnonzero(np.diff(seconds) <= 0)
+    if len(back):
+        before, after = seconds[back[0] : back[0] + 2]
+        raise ValueError(f"t_s: expected times that rise, got {after} s after {before} s at index {back[0] + 1}; sort the samples by time")
+    return seconds
+
+
 def _rows_as_samples(phi: Array, y: Array, t_s: Any, period_ns: int) -> tuple[Array, Array, bytes]:
     """phi and y on the grid of the sample period, and a sample for each of their rows that is finite."""
     length, equations = y.shape
     if t_s is None:
         index = np.arange(length)
     else:
-        seconds = np.asarray(t_s, dtype=np.float64)
-        if seconds.shape != (length,):
-            raise ValueError(f"t_s: expected {length} times, got {seconds.shape}")
+        seconds = _seconds(t_s, length)
         index = np.round((seconds - seconds[0]) * 1e9 / period_ns).astype(np.int64)
         if length > 1 and np.diff(index).min() < 1:
             raise ValueError("t_s: expected times that rise by a sample period or more")

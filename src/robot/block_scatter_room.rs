@@ -79,8 +79,8 @@ impl BlockScatter {
 mod tests {
     use super::*;
 
-    /// Blocks that pull by ±1 and should pull by m = 1/4: with x₀ = 1 and w = 1, (3) is (1 + 8·4)/(1 + 8)
-    /// for single blocks. Clusters of two and four cancel.
+    /// Blocks pull by ±1 and should pull by √m = 1/2: (3) is (1 + 8·4)/(1 + 8) for single blocks.
+    /// Clusters of two and four cancel.
     #[test]
     fn val_blocks_that_pull_to_both_sides_enlarge_by_their_scatter() {
         let mut scatter = BlockScatter::new(1, 1, 8, &[]);
@@ -92,8 +92,8 @@ mod tests {
         assert_eq!((scatter.ratio(0, 1.0, 8), scatter.ratio(0, 9.0, 8)), (1.0, 1.0));
     }
 
-    /// The same to one side for four blocks at a time: the clusters of four pull by 4 and should pull by
-    /// √(4 m) = 1, so (3) is (1 + 2·16)/(1 + 2).
+    /// The same to one side for four blocks at a time: clusters of four pull by 4 and should pull
+    /// by √(4 m) = 1, so (3) is (1 + 2·16)/(1 + 2).
     #[test]
     fn val_a_misfit_that_lasts_longer_than_a_block_shows_in_clusters() {
         let mut scatter = BlockScatter::new(1, 1, 8, &[]);

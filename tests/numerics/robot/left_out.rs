@@ -265,20 +265,17 @@ fn fault_another_stribeck_speed_makes_nothing_surely_wrong() {
     }
 }
 
-/// Cogging torques with six periods a turn, of a quarter of Coulomb friction, and friction that grows
-/// by 6 % of the torque.
+/// Cogging torques with six periods a turn, of 5 % of Coulomb friction, and friction that grows by
+/// 15 % of the torque.
 #[test]
 fn fault_cogging_and_friction_that_grows_with_the_load_make_nothing_surely_wrong() {
-    for (has_rests, seed, cogging, by_load) in [
-        (false, 1, 0.25, 0.0),
-        (true, 1, 0.25, 0.0),
-        (true, 2, 0.25, 0.0),
-        (true, 3, 0.25, 0.0),
-        (false, 2, 0.0, 0.06),
-        (true, 1, 0.0, 0.06),
-        (true, 2, 0.0, 0.06),
-        (true, 3, 0.0, 0.06),
-    ] {
+    let cases = [
+        (false, 1, 0.05, 0.0),
+        (true, 2, 0.05, 0.0),
+        (false, 2, 0.0, 0.15),
+        (true, 1, 0.0, 0.15),
+    ];
+    for (has_rests, seed, cogging, by_load) in cases {
         let simulation = simulation(has_rests, seed);
         let friction = JointFriction {
             presliding: 1e-4,
@@ -293,7 +290,7 @@ fn fault_cogging_and_friction_that_grows_with_the_load_make_nothing_surely_wrong
         };
         let run = run_disturbed(&robot(SIX_AXIS), friction, simulation, 75, None, &disturb);
         println!("rests {has_rests}, seed {seed}, cogging {cogging}, by load {by_load}: {run:?}");
-        assert_eq!(run.dangerous, 0, "{run:?}");
+        assert!(run.dangerous == 0 && run.usable > 30, "{run:?}");
     }
 }
 

@@ -23,54 +23,35 @@
 
 use super::block_scatter_room::BlockScatter;
 use super::identify::RobotIdentifier;
-use super::sums::JointSums;
-use crate::estimator::linalg::dot;
 
 impl RobotIdentifier {
     /// (1) to (4) after a block.
     pub(super) fn look_at_scatter(&mut self) {
-        let mut scatter = std::mem::take(&mut self.block_scatter);
+        let Some(mut scatter) = self.block_scatter.take() else {
+            return;
+        };
         self.measure_scatter(&mut scatter);
-        self.block_scatter = scatter;
+        self.block_scatter = Some(scatter);
     }
 
     fn measure_scatter(&self, scatter: &mut BlockScatter) {
-        let (n, acting) = (self.theta.len(), self.effective.len());
+        let n = self.theta.len();
         let blocks = self.recent_blocks.min(self.recent.len());
-        scatter.sums.iter_mut().for_each(JointSums::clear);
-        scatter.scores.fill(0.0);
-        for (age, score) in scatter.scores.chunks_exact_mut(acting).enumerate().take(blocks) {
+        scatter.begin();
+        for age in 0..blocks {
             let block = &self.recent[(self.recent_blocks - 1 - age) % self.recent.len()];
             for (joint, sums) in block.iter().enumerate().filter(|(_, sums)| sums.rows > 0) {
-                let weight = self.weight(joint);
-                for (column, &i) in sums.columns().iter().enumerate() {
-                    score[i] += weight * sums.gradient(column, &self.effective); // (1)
-                }
-                scatter.sums[joint].add(sums);
+                scatter.add(age, (joint, sums), self.weight(joint), &self.effective); // (1)
             }
         }
-        for i in (0..scatter.factor.len()).filter(|i| !self.fixed[*i]) {
+        for i in (0..self.parameters.len()).filter(|i| !self.fixed[*i]) {
             let direction = &mut scatter.direction;
             self.effective_if(self.is_loaded, &self.covariance[i * n..(i + 1) * n], direction);
             if !self.condensed {
                 let weight = |joint: usize| self.weight(joint);
                 self.offset_drift.follow(&self.all, weight, &self.fixed, direction);
             }
-            let mut information = 0.0;
-            for (joint, sums) in scatter.sums.iter().enumerate().filter(|(_, sums)| sums.rows > 0) {
-                information += self.weight(joint) * sums.information(direction);
-            }
-            for (along, score) in scatter.along.iter_mut().zip(scatter.scores.chunks_exact(acting)) {
-                *along = dot(score, direction);
-            }
-            let mean = information / blocks.max(1) as f64; // (2)
-            // without information on an estimate its standard deviation is that of its prior
-            let ratio = if mean > 0.0 {
-                scatter.ratio(i, mean, blocks)
-            } else {
-                1.0
-            };
-            scatter.factor[i] = ratio.sqrt(); // (4)
+            scatter.compare(i, blocks); // (2), (3), (4)
         }
     }
 }

@@ -75,7 +75,7 @@ pub struct RobotIdentifier {
     /// The same model, with additional columns for the friction terms that it leaves out.
     pub(super) wide: RobotModel,
     pub(super) left_out: Option<LeftOut>,
-    pub(super) block_scatter: BlockScatter,
+    pub(super) block_scatter: Option<BlockScatter>,
     pub(super) drift: FrictionDrift,
     pub(super) offset_drift: OffsetDrift,
     pub(super) counts: TorqueCounts,
@@ -183,7 +183,7 @@ impl RobotIdentifier {
             all: empty.clone(),
             older: empty.clone(),
             offset_drift: OffsetDrift::new(drifts, is_drifting, &empty),
-            block_scatter: BlockScatter::new(parameters.len(), acting, RECENT, &empty),
+            block_scatter: Some(BlockScatter::new(parameters.len(), n, acting, RECENT, &empty)),
             pending: SliceRing::new(if options.payload { SLICES } else { 0 }, &empty),
             ring: RowRing::new(windows, &columns),
             recent: vec![empty.clone(); RECENT],
@@ -253,7 +253,7 @@ impl RobotIdentifier {
             (watch.doubt, watch.strange, watch.inquiry.doubt) = (0, 0, None);
         }
         self.left_out.iter_mut().for_each(LeftOut::reset);
-        self.block_scatter.reset();
+        self.block_scatter.iter_mut().for_each(BlockScatter::reset);
         self.drift.reset();
         self.offset_drift.reset();
         self.counts.reset();

@@ -45,8 +45,8 @@ impl RobotIdentifier {
             false => 0.0,
         };
         let bias = self.bias[i] * self.bias[j]; // (2) of acceleration_noise.rs
-        let scatter = &self.block_scatter.factor;
-        let own = self.covariance[i * n + j] * scatter[i] * scatter[j]; // (4) of block_scatter.rs
+        let scatter = |i: usize| self.block_scatter.as_ref().map_or(1.0, |scatter| scatter.factor[i]);
+        let own = self.covariance[i * n + j] * scatter(i) * scatter(j); // (4) of block_scatter.rs
         own + drift + bias + left_out.map_or(0.0, |left_out| left_out.covariance(i, j, n))
     }
 

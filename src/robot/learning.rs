@@ -1,6 +1,7 @@
 //! Processing of a block: weights (2) and (3), estimates (1), the random walk of friction (4) of
 //! [`identify`](super::identify).
 
+use super::block_scatter_room::BlockScatter;
 use super::identify::RobotIdentifier;
 use super::information::{Information, Solver};
 use super::left_out_room::LeftOut;
@@ -110,7 +111,7 @@ impl RobotIdentifier {
     /// Drops the recent blocks, which are of another machine; keeps f_j and x_i.
     pub(super) fn forget_recent(&mut self) {
         self.recent_blocks = 0;
-        self.block_scatter.carry_over();
+        self.block_scatter.iter_mut().for_each(BlockScatter::carry_over);
         for (assumed, inflation) in self.assumed.0.iter_mut().zip(&self.inflation) {
             *assumed = inflation * inflation;
         }

@@ -77,7 +77,7 @@ impl RobotIdentifier {
     fn visit_rest(&mut self, v: &mut impl Visit) {
         v.reals(&mut self.torque_std);
         v.reals(&mut self.inflation);
-        self.block_scatter.visit(v);
+        self.block_scatter.iter_mut().for_each(|scatter| scatter.visit(v));
         self.offset_drift.visit(v);
         v.reals(&mut self.figures.explained);
         self.velocity_ratios.0.iter_mut().for_each(|ratio| ratio.visit(v));

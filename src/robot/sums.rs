@@ -198,14 +198,6 @@ impl JointSums {
         (score, information)
     }
 
-    /// dᵀ A d; d is over all columns.
-    pub fn information(&self, d: &[f64]) -> f64 {
-        let m = self.moment.len();
-        let rows = self.gram.chunks_exact(m).zip(&self.columns);
-        let product = |row: &[f64]| -> f64 { row.iter().zip(&self.columns).map(|(entry, &b)| entry * d[b]).sum() };
-        rows.map(|(row, &a)| d[a] * product(row)).sum()
-    }
-
     /// Σ x² of one column.
     pub fn squares(&self, column: usize) -> f64 {
         self.gram[column * (self.moment.len() + 1)]

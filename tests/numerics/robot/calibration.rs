@@ -114,7 +114,7 @@ fn ident_gains_are_found_from_a_known_load() {
         GainCalibration::of(&model(), &options, &empty, &loaded, &none)
             .unwrap_err()
             .to_string()
-            .contains("mass above 0")
+            .contains("a finite number above 0, got -1")
     );
     let still = &loaded[..2];
     let load = KnownLoad { mass_kg: 2.0, ..none };

@@ -52,6 +52,7 @@ fn considered(form: &FileForm, linear: bool) -> Considered {
         spring: section.spring,
         gain_by_direction: section.gain_by_direction,
         viscous_by_direction: section.viscous_by_direction,
+        load_friction: section.load_friction,
         inertia: section.inertia,
         viscous: section.viscous,
         friction_in_back_emf: section.friction_in_back_emf,

@@ -52,7 +52,7 @@ use super::summed_rows::{SummedRows, SummedScore};
 use std::ops::Range;
 
 /// Largest number of errors per equation.
-pub const PER_EQUATION: usize = 16;
+pub const PER_EQUATION: usize = 17;
 
 /// Largest number of errors of the rows: one of the whole machine and those of each equation. The
 /// drifts of the parameters, one each, follow.

@@ -49,7 +49,11 @@ fn explanation(before: &str, suspect: &Suspect, amplitude: f64, what: fmt::Argum
             | SuspectKind::Inertia
             | SuspectKind::Viscous
             | SuspectKind::ViscousByDirection => Ok(()),
-            SuspectKind::Gain | SuspectKind::GainByDirection | SuspectKind::Scale | SuspectKind::Clock => {
+            SuspectKind::Gain
+            | SuspectKind::GainByDirection
+            | SuspectKind::LoadFriction
+            | SuspectKind::Scale
+            | SuspectKind::Clock => {
                 write!(words, " ({:+.1} %)", 100.0 * amplitude)
             }
             // one digit, so that the text does not change with every block
@@ -106,6 +110,7 @@ mod tests {
             SuspectKind::Spring,
             SuspectKind::GainByDirection,
             SuspectKind::ViscousByDirection,
+            SuspectKind::LoadFriction,
             SuspectKind::Inertia,
             SuspectKind::Viscous,
             SuspectKind::Eccentricity,

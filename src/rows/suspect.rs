@@ -34,6 +34,9 @@ pub struct Considered {
     /// friction: its input at the root mean square of the velocity in the first block that moves,
     /// as a share of the same size, ≥ 0.
     pub viscous_by_direction: f64,
+    /// Friction that grows with the load, such as that of a screw or a gear, as a share of the
+    /// input, at each joint whose model has Coulomb friction, ≥ 0.
+    pub load_friction: f64,
     /// Inertia without weight, such as a rotor's, at each joint whose model has no parameter for
     /// it, as a share of the joint's inertia in the model, ≥ 0.
     pub inertia: f64,
@@ -71,6 +74,7 @@ impl Considered {
         spring: 0.0,
         gain_by_direction: 0.0,
         viscous_by_direction: 0.0,
+        load_friction: 0.0,
         inertia: 0.0,
         viscous: 0.0,
         friction_in_back_emf: 0.0,
@@ -103,10 +107,11 @@ impl Default for Considered {
     /// that is one sample late lies within four standard deviations. Gain: 0, because parameters
     /// are in the units that the drive reports. Coulomb friction: 1 % of the input, friction that
     /// falls with speed: 2 %, offset: 0.1 %. By direction: 0.2 % of the gain, viscous friction of
-    /// 0.3 % of the input. Inertia: 1 % of the joint's. Viscous friction: 0.03 % of the input, and
-    /// 0.5 % within a back EMF. Resonance: 70 Hz. Drift: 0.6 % in a minute. Zero: 1 mrad, 0.06°.
-    /// Eccentricity: 0.05 mrad, 10″. With motion that shows an error, σ becomes what it is without
-    /// the error; with other motion, σ includes its possible effect.
+    /// 0.3 % of the input. Friction that grows with the load: 1 %. Inertia: 1 % of the joint's.
+    /// Viscous friction: 0.03 % of the input, and 0.5 % within a back EMF. Resonance: 70 Hz. Drift:
+    /// 0.6 % in a minute. Zero: 1 mrad, 0.06°. Eccentricity: 0.05 mrad, 10″. With motion that shows
+    /// an error, σ becomes what it is without the error; with other motion, σ includes its possible
+    /// effect.
     fn default() -> Self {
         Self {
             input_delay_s: None,
@@ -118,6 +123,7 @@ impl Default for Considered {
             spring: 1e-2,
             gain_by_direction: 2e-3,
             viscous_by_direction: 3e-3,
+            load_friction: 1e-2,
             inertia: 1e-2,
             viscous: 3e-4,
             friction_in_back_emf: 5e-3,
@@ -152,6 +158,8 @@ pub enum SuspectKind {
     GainByDirection,
     /// Viscous friction that differs by direction.
     ViscousByDirection,
+    /// Friction that grows with the load.
+    LoadFriction,
     /// An inertia without weight that the model lacks.
     Inertia,
     /// Viscous friction that the model lacks, or takes for a larger back EMF.
@@ -197,7 +205,7 @@ impl Suspect<'_> {
     pub fn is_possible_from_the_start(&self, amplitude: f64) -> bool {
         let positive = matches!(
             self.kind,
-            SuspectKind::Coulomb | SuspectKind::Viscous | SuspectKind::Inertia
+            SuspectKind::Coulomb | SuspectKind::Viscous | SuspectKind::Inertia | SuspectKind::LoadFriction
         );
         self.is_possible(amplitude) && !(positive && amplitude < 0.0)
     }
@@ -221,6 +229,7 @@ impl Suspect<'_> {
             SuspectKind::Spring => "a spring or a cable",
             SuspectKind::GainByDirection => "a drive gain that differs by direction",
             SuspectKind::ViscousByDirection => "viscous friction that differs by direction",
+            SuspectKind::LoadFriction => "friction that grows with the load (screw, gear)",
             SuspectKind::Inertia => "an inertia without weight (rotor, gear)",
             SuspectKind::Viscous => "viscous friction",
             SuspectKind::Resonance => "a resonance",

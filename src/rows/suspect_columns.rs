@@ -13,7 +13,7 @@
 //! | an offset of the input, or a constant force | −s | unit of the input |
 //! | a dead band of the drive, which produces u − a sign u | s ∫ψ sat(u/u₀) | unit of the input |
 //! | a spring, such as a cable | s ∫ψ q | unit of the input per rad or m |
-//! | gain or viscous friction by direction | see `by_direction.rs` | share; as viscous friction |
+//! | gain or viscous friction by direction, friction by load | see `by_direction.rs` | share; as viscous friction; share |
 //! | an inertia without weight, such as a rotor's | see `through_drive.rs` | unit of the input per rad/s² or m/s² |
 //! | viscous friction | see `through_drive.rs` | unit of the input per rad/s or m/s |
 //! | an encoder off its centre, which reads q + a sin q or q + a cos q | Σ_k ∂f_i/∂q_k sin q_k, or cos q_k | rad |
@@ -47,8 +47,8 @@ use super::present_terms::{has_jump, has_term};
 use super::spread::{root_mean_square, standard_deviation};
 use super::suspect::{Considered, Suspect, SuspectKind};
 use super::suspect_places::{
-    CLOCK, COSINE, DEAD_BAND, DELAY, FRICTION, GAIN, GAIN_BY_DIRECTION, INERTIA, OFFSET, RESONANCE, SCALE, SINE,
-    SLOW_FRICTION, SPRING, SuspectPlaces, VISCOUS, VISCOUS_BY_DIRECTION, ZERO, place,
+    CLOCK, COSINE, DEAD_BAND, DELAY, FRICTION, GAIN, GAIN_BY_DIRECTION, INERTIA, LOAD_FRICTION, OFFSET, RESONANCE,
+    SCALE, SINE, SLOW_FRICTION, SPRING, SuspectPlaces, VISCOUS, VISCOUS_BY_DIRECTION, WITH_COULOMB, ZERO, place,
 };
 use super::tempo::tempo;
 use super::through_drive::ThroughDrive;
@@ -145,7 +145,7 @@ impl SuspectColumns {
                 SPRING => of == e && !springs[e],
                 INERTIA => of == e && passes(e, ThroughDrive::has_inertia),
                 VISCOUS => of == e && passes(e, ThroughDrive::has_friction),
-                SLOW_FRICTION | DEAD_BAND | GAIN_BY_DIRECTION | VISCOUS_BY_DIRECTION => of == e && jumps[e],
+                _ if WITH_COULOMB.contains(&index) => of == e && jumps[e],
                 CLOCK => false,
                 SCALE => moves(e, inputs[of]) && first_of(of),
                 SINE | COSINE => turns && moves(e, inputs[of]) && first_of(of),
@@ -242,6 +242,7 @@ impl SuspectColumns {
             }
             SuspectKind::Viscous => self.considered.viscous * self.per_speed(suspect, size),
             SuspectKind::GainByDirection => self.considered.gain_by_direction,
+            SuspectKind::LoadFriction => self.considered.load_friction,
             SuspectKind::ViscousByDirection => self.considered.viscous_by_direction * self.per_speed(suspect, size),
             SuspectKind::Eccentricity => self.considered.eccentricity_rad.unwrap_or(0.0),
             SuspectKind::Resonance => match self.considered.resonance_hz {
@@ -332,19 +333,18 @@ impl SuspectColumns {
             });
         }
         let (kind, joint) = (self.places.kind(suspect), self.places.joint(suspect));
+        use SuspectKind as Kind;
         let (unit, largest) = match kind {
-            SuspectKind::InputDelay => ("s", 0.1),
-            SuspectKind::Gain | SuspectKind::GainByDirection | SuspectKind::Scale | SuspectKind::Clock => ("1", 1.0),
-            SuspectKind::Coulomb | SuspectKind::Stribeck | SuspectKind::Offset | SuspectKind::DeadBand => {
+            Kind::InputDelay => ("s", 0.1),
+            Kind::Gain | Kind::GainByDirection | Kind::LoadFriction | Kind::Scale | Kind::Clock => ("1", 1.0),
+            Kind::Coulomb | Kind::Stribeck | Kind::Offset | Kind::DeadBand => {
                 (input_unit, joint.map_or(0.0, |joint| self.sizes[joint]))
             }
-            SuspectKind::Spring | SuspectKind::Inertia | SuspectKind::Viscous | SuspectKind::ViscousByDirection => {
-                ("", f64::INFINITY)
-            }
-            SuspectKind::Eccentricity => ("rad", 0.1),
-            SuspectKind::Resonance => ("s^2", f64::INFINITY),
-            SuspectKind::Zero => ("rad", 0.5),
-            SuspectKind::Drift => ("1/s", f64::INFINITY),
+            Kind::Spring | Kind::Inertia | Kind::Viscous | Kind::ViscousByDirection => ("", f64::INFINITY),
+            Kind::Eccentricity => ("rad", 0.1),
+            Kind::Resonance => ("s^2", f64::INFINITY),
+            Kind::Zero => ("rad", 0.5),
+            Kind::Drift => ("1/s", f64::INFINITY),
         };
         Some(Suspect {
             kind,
@@ -398,7 +398,8 @@ impl SuspectColumns {
             let spring = spring.iter_mut().zip(&signals.q[joint][..len]);
             spring.for_each(|(spring, q)| *spring = *q);
             let (dq, q_std) = (&signals.dq[joint][..len], &q_std[joint][..len]);
-            self.by_direction[e].sense(&signals.u[joint][..len], dq);
+            let standing = STANDING * self.velocity_gain;
+            self.by_direction[e].sense(&signals.u[joint][..len], dq, (q_std, standing));
             let speed = &mut self.speeds[e];
             let (own, noise) = (root_mean_square(dq), self.velocity_gain * root_mean_square(q_std));
             if own > MOVING * noise {
@@ -407,7 +408,6 @@ impl SuspectColumns {
                     *speed = own;
                 }
             }
-            let standing = STANDING * self.velocity_gain;
             for (friction, share) in self.frictions[e].iter_mut().zip(STRIBECK_SPEEDS) {
                 for (friction, (dq, q_std)) in friction.iter_mut().zip(dq.iter().zip(q_std)) {
                     *friction = (dq / (standing * q_std)).clamp(-1.0, 1.0);
@@ -451,6 +451,7 @@ impl SuspectColumns {
             (SPRING, spring),
             (GAIN_BY_DIRECTION, &self.by_direction[e].inputs),
             (VISCOUS_BY_DIRECTION, &self.by_direction[e].speeds),
+            (LOAD_FRICTION, &self.by_direction[e].loads),
         ];
         for (place, shape) in shapes {
             if let Some(shape) = shape.get(centre - kernels.half..=centre + kernels.half) {

@@ -33,6 +33,16 @@ pub(super) const INERTIA: usize = 12;
 pub(super) const VISCOUS: usize = 13;
 pub(super) const GAIN_BY_DIRECTION: usize = 14;
 pub(super) const VISCOUS_BY_DIRECTION: usize = 15;
+/// Friction that grows with the load.
+pub(super) const LOAD_FRICTION: usize = 16;
+/// What has a column only if the model has Coulomb friction, or it would hardly differ from it.
+pub(super) const WITH_COULOMB: [usize; 5] = [
+    SLOW_FRICTION,
+    DEAD_BAND,
+    GAIN_BY_DIRECTION,
+    VISCOUS_BY_DIRECTION,
+    LOAD_FRICTION,
+];
 
 /// Place of an equation's error.
 pub(super) const fn place(equation: usize, index: usize) -> usize {
@@ -85,6 +95,7 @@ impl SuspectPlaces {
             VISCOUS => SuspectKind::Viscous,
             GAIN_BY_DIRECTION => SuspectKind::GainByDirection,
             VISCOUS_BY_DIRECTION => SuspectKind::ViscousByDirection,
+            LOAD_FRICTION => SuspectKind::LoadFriction,
             SCALE => SuspectKind::Scale,
             CLOCK => SuspectKind::Clock,
             _ => SuspectKind::Stribeck,

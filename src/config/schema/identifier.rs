@@ -102,6 +102,8 @@ table! {
             "Gain of each drive by the sign of its input, half the relative difference, if the joint's model has Coulomb friction";
         viscous_by_direction: f64 = considered.viscous_by_direction, Kind::Real(NOT_NEGATIVE), "",
             "Viscous friction by direction, half the difference, at each joint whose model has Coulomb friction: its input at the root mean square of the velocity, as a share of the same size";
+        load_friction: f64 = considered.load_friction, Kind::Real(NOT_NEGATIVE), "",
+            "Friction that grows with the load, such as that of a screw or a gear, as a share of the input, at each joint whose model has Coulomb friction";
         inertia: f64 = considered.inertia, Kind::Real(NOT_NEGATIVE), "",
             "Inertia without weight, such as a rotor's, at each joint whose model has no parameter for it, as a share of the joint's inertia in the model";
         viscous: f64 = considered.viscous, Kind::Real(NOT_NEGATIVE), "",

@@ -122,6 +122,7 @@ impl ProjectedOptions {
             ("considered.spring", considered.spring),
             ("considered.gain_by_direction", considered.gain_by_direction),
             ("considered.viscous_by_direction", considered.viscous_by_direction),
+            ("considered.load_friction", considered.load_friction),
             ("considered.inertia", considered.inertia),
             ("considered.viscous", considered.viscous),
             ("considered.friction_in_back_emf", considered.friction_in_back_emf),

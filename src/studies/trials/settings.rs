@@ -137,7 +137,7 @@ fn start_with(spec: &TrialSpec, further: &[f64]) -> String {
 }
 
 /// Keys of the errors that the identifier considers.
-const ERRORS: [&str; 15] = [
+const ERRORS: [&str; 16] = [
     "input_delay_s",
     "gain",
     "coulomb",
@@ -147,6 +147,7 @@ const ERRORS: [&str; 15] = [
     "spring",
     "gain_by_direction",
     "viscous_by_direction",
+    "load_friction",
     "inertia",
     "viscous",
     "resonance_hz",

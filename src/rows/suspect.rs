@@ -229,7 +229,7 @@ impl Suspect<'_> {
             SuspectKind::Spring => "a spring or a cable",
             SuspectKind::GainByDirection => "a drive gain that differs by direction",
             SuspectKind::ViscousByDirection => "viscous friction that differs by direction",
-            SuspectKind::LoadFriction => "friction that grows with the load (screw, gear)",
+            SuspectKind::LoadFriction => "friction that grows with the load",
             SuspectKind::Inertia => "an inertia without weight (rotor, gear)",
             SuspectKind::Viscous => "viscous friction",
             SuspectKind::Resonance => "a resonance",

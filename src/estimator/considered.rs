@@ -47,7 +47,7 @@ use super::equation::EquationState;
 use super::linalg::{Cholesky, dot};
 use super::line::LineFit;
 use super::pass::{Summable, Sums};
-use super::persist::Visit;
+use super::persist::{Visit, visit_symmetric};
 use super::summed_rows::{SummedRows, SummedScore};
 use std::ops::Range;
 
@@ -190,7 +190,8 @@ impl Considered {
     /// What goes from block to block.
     pub fn visit(&mut self, v: &mut impl Visit) {
         v.reals(&mut self.sensitivity);
-        v.reals(&mut self.moments);
+        let room = self.room();
+        visit_symmetric(v, &mut self.moments, room);
         v.reals(&mut self.inseparable);
         v.count(&mut self.end_ns);
     }

@@ -32,6 +32,14 @@ pub trait Visit {
     }
 }
 
+/// Visits a symmetric n × n matrix by its lower triangle.
+pub fn visit_symmetric(v: &mut impl Visit, matrix: &mut [f64], n: usize) {
+    (0..n).for_each(|i| v.reals(&mut matrix[i * n..i * n + i + 1]));
+    for i in 0..n {
+        (0..i).for_each(|j| matrix[j * n + i] = matrix[i * n + j]);
+    }
+}
+
 /// The state of an estimator and its state machine as plain lists, as in a checkpoint. The first
 /// numbers are θ̂.
 #[derive(Debug, Clone, Default, PartialEq)]

@@ -40,7 +40,7 @@
 
 use super::considered::room_for;
 use super::linalg::Cholesky;
-use super::persist::Visit;
+use super::persist::{Visit, visit_symmetric};
 use super::score_sums::{ENOUGH, GroupEvidence, GroupScores, MEMORY, Term};
 use super::summed_rows::SummedScore;
 use super::suspicion::{Judged, Suspicion};
@@ -118,7 +118,7 @@ impl ScoreTest {
         self.groups.iter_mut().for_each(|group| group.visit(v));
         self.summed.iter_mut().for_each(|term| term.visit(v));
         v.reals(&mut self.summed_misfit);
-        v.reals(&mut self.moments);
+        visit_symmetric(v, &mut self.moments, self.std.len());
     }
 
     /// M for the next block: the prior `std(s)` of an error, and `drift(i)` of a parameter, until a

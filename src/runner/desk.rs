@@ -61,8 +61,10 @@ pub struct Board {
     pub checkpoints_failed: AtomicU64,
     /// Samples that a recorder lost.
     pub recorder_missing: AtomicU64,
-    /// Orders that took effect and are in the journal.
+    /// Orders that took effect and that the desk has passed to the journal.
     pub journalled: AtomicU64,
+    /// Entries of the journal that wait until readers have room for them.
+    pub unsent: AtomicU64,
     /// 1 if checkpoints are configured.
     pub checkpointing: AtomicU64,
     /// Length of the rows' windows \[s\], as the bits of the number; 0 for rows of single samples.
@@ -181,12 +183,15 @@ impl LoopEnd {
         }
     }
 
-    /// Waits until every applied command is in the journal, so that a reader who sees the end of
-    /// the stream has already received them.
+    /// Waits until every applied command and a warm start are in the journal, so that a reader who
+    /// sees the end of the stream has already received them.
     pub(super) fn settle(&mut self, node: &mut dyn Identifier) {
         let start = Instant::now();
         self.exchange(node);
-        while self.board.journalled.load(Ordering::Acquire) < self.done && start.elapsed() < SETTLE {
+        let is_settled = |board: &Board, done: u64| {
+            board.journalled.load(Ordering::Acquire) >= done && board.unsent.load(Ordering::Acquire) == 0
+        };
+        while !is_settled(&self.board, self.done) && start.elapsed() < SETTLE {
             std::thread::sleep(Duration::from_millis(1));
             self.exchange(node);
         }

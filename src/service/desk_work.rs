@@ -11,7 +11,7 @@ use crate::messages::{
 };
 use crate::node::command::{Border, Change, Fate, NodeState, Order};
 use crate::runner::{Board, DeskEnd, FromLoop, TICK, ToLoop};
-use std::collections::HashMap;
+use std::collections::{HashMap, VecDeque};
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::RecvTimeoutError;
@@ -26,12 +26,19 @@ const LOOP_ANSWERS: Duration = Duration::from_secs(2);
 /// The journal has every command that took effect.
 const LINES: (u64, u64, u64) = (1, 1, 50);
 const LINES_PERIOD: Duration = Duration::from_secs(1);
+/// Entries of the journal sent per tick. Readers look once per tick and hold twice as many, so
+/// none loses a part of a state, which takes a hundred.
+const BURST: usize = 32;
 /// Period of checking the memory in use.
 const MEMORY_PERIOD: Duration = Duration::from_millis(500);
 
 /// Everything of a desk except the server, which owns each request while it is answered.
 pub(super) struct Work {
     journal: Publisher<Journal>,
+    /// Entries not yet sent, how many may be sent before `journal_due`, and that time.
+    unsent: VecDeque<Journal>,
+    may_send: usize,
+    journal_due: Instant,
     description: Publisher<Description>,
     description_due: Instant,
     commands: Commands,
@@ -66,6 +73,9 @@ impl Work {
             .store(u64::from(checkpoint.is_some()), Ordering::Relaxed);
         Ok(Self {
             journal: Publisher::new(bus)?,
+            unsent: VecDeque::new(),
+            may_send: BURST,
+            journal_due: now + TICK,
             description: Publisher::new(bus)?,
             description_due: now,
             commands: Commands::new(config),
@@ -255,24 +265,41 @@ impl Work {
         self.waiting.remove(&id).unwrap_or_default()
     }
 
+    /// Writes requests that take effect at a border to the journal: as many as readers have room
+    /// for at once, the others by [`keep`](Self::keep).
     pub(super) fn journalise(&mut self, requests: &[Request], border: Border) {
-        for request in requests {
+        self.unsent.extend(requests.iter().map(|request| {
             let mut entry = Journal {
                 stream_id: border.stream_id,
                 block: border.block,
                 request: *request,
             };
             entry.request.from_seq = border.from_seq;
+            entry
+        }));
+        self.send_journal(Instant::now());
+    }
+
+    fn send_journal(&mut self, now: Instant) {
+        if now >= self.journal_due {
+            (self.may_send, self.journal_due) = (BURST, now + TICK);
+        }
+        let count = self.may_send.min(self.unsent.len());
+        self.may_send -= count;
+        for entry in self.unsent.drain(..count) {
             if let Err(e) = self.journal.send(&entry) {
                 tracing::error!("{e}");
             }
         }
+        let unsent = self.unsent.len() as u64;
+        self.end.board.unsent.store(unsent, Ordering::Release);
     }
 
     /// Does periodic work.
     pub(super) fn keep(&mut self) {
         let now = Instant::now();
         self.tell_rest(now, false);
+        self.send_journal(now);
         if now >= self.description_due {
             self.description_due = now + TICK;
             if let Err(e) = self.description.serve_late_joiners() {

@@ -59,6 +59,37 @@ fn regress_a_robots_recording_is_replayed() {
     assert!(replay.stdout().contains("6000 samples replayed"), "{}", replay.stdout());
 }
 
+/// A robot's state takes more entries of the journal than its readers hold at once.
+#[test]
+fn regress_a_robots_warm_start_is_recorded_whole_and_repeated_to_the_bit() {
+    let site = Site::new();
+    let dir = format!("checkpoint.dir=\"{}\"", site.dir.path().display());
+    let at = |name: &str| site.dir.path().join(name).to_str().expect("UTF-8").to_owned();
+    for (out, more) in [(at("cold"), &[][..]), (at("warm"), &["--warm"])] {
+        let args = [
+            "run",
+            CONFIG,
+            "--speed",
+            "max",
+            "--duration",
+            "6",
+            "--set",
+            &dir,
+            "--out",
+            &out,
+        ];
+        let args = [&args[..], more].concat();
+        site.start(Program::Thetabus, &args).expect_code(0);
+    }
+    let state = fs::metadata(at("arm.checkpoint")).expect("a checkpoint").len();
+    assert!(state > 64 * 1024, "{state}");
+    let args = ["identify", &at("warm"), "--out", &at("again")];
+    site.start(Program::Thetabus, &args).expect_code(0);
+    let [live, again] =
+        ["warm", "again"].map(|dir| fs::read_to_string(Path::new(&at(dir)).join("estimates.csv")).expect("estimates"));
+    assert_eq!(live, again);
+}
+
 /// The file on the command line holds, not the recording's: blocks of three seconds are two.
 #[test]
 fn regress_a_robots_file_on_the_command_line_replaces_the_recorded_one() {

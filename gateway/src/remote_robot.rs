@@ -183,14 +183,14 @@ impl RemoteRobot {
 #[derive(Debug, Default)]
 struct Losses {
     told: [u64; keys::CARRIED.len()],
-    /// When the first was noticed that is not told yet.
+    /// When the first loss was noticed that the log has not said yet.
     noticed: Option<Instant>,
     last: Option<Instant>,
 }
 
 impl Losses {
-    /// What is missing of each topic beyond what was told. It is told once all topics had the time
-    /// to come again, and seldom.
+    /// How many more messages of each topic are missing than the log has said so far. The log says
+    /// it once every topic has had the time to come again, and at most every [`LOSSES_EVERY`].
     fn tell(&mut self, missing: [(Topic, u64); keys::CARRIED.len()], now: Instant) -> Option<String> {
         if missing.iter().zip(self.told).all(|((_, count), told)| *count <= told) {
             return None;

@@ -32,7 +32,6 @@ pub(super) struct BlockScatter {
     weight: f64,
     /// The columns of each joint. Those of terms that the model leaves out are not among them.
     kept: Vec<Vec<Kept>>,
-    places: usize,
     /// Σ Λ_B, its lower triangle.
     information: Vec<f64>,
     /// g_B of the recent blocks, the newest first.
@@ -70,7 +69,6 @@ impl BlockScatter {
             assumed: vec![1.0; parameters],
             weight: ASSUMED,
             kept: empty.iter().map(of_joint).collect(),
-            places,
             information: vec![0.0; places * places],
             scores: vec![0.0; blocks * places],
             direction: vec![0.0; acting],
@@ -102,7 +100,7 @@ impl BlockScatter {
 
     /// Adds the rows of a joint to (1) of the block of this age, with their weight.
     pub fn add(&mut self, age: usize, (joint, sums): (usize, &JointSums), weight: f64, effective: &[f64]) {
-        let (kept, places) = (&self.kept[joint], self.places);
+        let (kept, places) = (&self.kept[joint], self.placed.len());
         self.own.clear();
         self.own.extend(kept.iter().map(|kept| effective[kept.index]));
         let score = &mut self.scores[age * places..(age + 1) * places];
@@ -126,14 +124,14 @@ impl BlockScatter {
         slopes.copy_from_slice(&self.direction[first..]);
         let d = &self.placed;
         let mut square = 0.0;
-        for (a, row) in self.information.chunks_exact(self.places).enumerate() {
+        for (a, row) in self.information.chunks_exact(d.len()).enumerate() {
             square += d[a] * (2.0 * dot(&row[..a], &d[..a]) + row[a] * d[a]);
         }
         let mean = square / blocks.max(1) as f64; // (2)
         for (along, score) in self
             .along
             .iter_mut()
-            .zip(self.scores.chunks_exact(self.places))
+            .zip(self.scores.chunks_exact(d.len()))
             .take(blocks)
         {
             *along = dot(score, d);

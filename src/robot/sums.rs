@@ -8,7 +8,7 @@
 //! ```
 
 use super::information::Information;
-use crate::estimator::persist::Visit;
+use crate::estimator::persist::{Visit, visit_symmetric};
 
 /// A, b, c and the number of rows of one joint, over its own columns.
 #[derive(Debug, Clone, PartialEq)]
@@ -150,9 +150,7 @@ impl JointSums {
 
     /// State kept in a checkpoint.
     pub fn visit(&mut self, v: &mut impl Visit) {
-        let m = self.moment.len();
-        (0..m).for_each(|i| v.reals(&mut self.gram[i * m..i * m + i + 1]));
-        self.mirror();
+        visit_symmetric(v, &mut self.gram, self.moment.len());
         v.reals(&mut self.moment);
         v.reals(&mut self.bias);
         for sum in [&mut self.square, &mut self.noise, &mut self.sum] {

@@ -322,6 +322,7 @@ impl SuspectColumns {
 
     /// Describes an error; indices beyond the last are the drifts of the parameters.
     pub fn describe<'a>(&'a self, suspect: usize, input_unit: &'a str) -> Option<Suspect<'a>> {
+        use SuspectKind as Kind;
         if let Some(drifting) = suspect.checked_sub(self.count()) {
             return self.parameters.get(drifting).map(|name| Suspect {
                 kind: SuspectKind::Drift,
@@ -333,7 +334,6 @@ impl SuspectColumns {
             });
         }
         let (kind, joint) = (self.places.kind(suspect), self.places.joint(suspect));
-        use SuspectKind as Kind;
         let (unit, largest) = match kind {
             Kind::InputDelay => ("s", 0.1),
             Kind::Gain | Kind::GainByDirection | Kind::LoadFriction | Kind::Scale | Kind::Clock => ("1", 1.0),

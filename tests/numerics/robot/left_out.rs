@@ -266,7 +266,7 @@ fn fault_another_stribeck_speed_makes_nothing_surely_wrong() {
 }
 
 /// Cogging torques with six periods a turn, of 5 % of Coulomb friction, and friction that grows by
-/// 15 % of the torque.
+/// 15 % of the torque. Without `block_scatter.rs` the first case has a dangerous block.
 #[test]
 fn fault_cogging_and_friction_that_grows_with_the_load_make_nothing_surely_wrong() {
     let cases = [

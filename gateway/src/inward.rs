@@ -10,6 +10,7 @@
 //! it brings samples.
 
 use crate::error::{GatewayError, network};
+use crate::incoming::{Incoming, unreadable};
 use crate::keys::{self, Host};
 use crate::network::{self, NetworkArgs, Part};
 use crate::refusals::{Lines, Refusals};
@@ -140,6 +141,8 @@ pub fn run(args: &InArgs, stop: &AtomicBool) -> Result<(), GatewayError> {
         put: put.clone(),
         robots: BTreeMap::new(),
         refusals: Refusals::default(),
+        unreadable: Refusals::default(),
+        unread: 0,
         lines: Lines::default(),
         strangers: 0,
     };
@@ -160,10 +163,10 @@ pub fn run(args: &InArgs, stop: &AtomicBool) -> Result<(), GatewayError> {
     say(HEAD);
     remote_robots.robots.values().for_each(RemoteRobot::report);
     let dropped = put.dropped.load(Ordering::Relaxed);
-    if dropped + remote_robots.strangers > 0 {
+    let (strangers, unread) = (remote_robots.strangers, remote_robots.unread);
+    if dropped + strangers + unread > 0 {
         say(format_args!(
-            "inbox full: {dropped} messages, foreign keys: {}",
-            remote_robots.strangers
+            "inbox full: {dropped} messages, foreign keys: {strangers}, not readable from robots without a place: {unread}"
         ));
     }
     drop(remote_robots);
@@ -219,6 +222,10 @@ struct RemoteRobots<'a> {
     put: Inbox,
     robots: BTreeMap<String, RemoteRobot>,
     refusals: Refusals,
+    /// Robots from which nothing has come that can be read.
+    unreadable: Refusals,
+    /// Messages of theirs.
+    unread: u64,
     /// Lines that names of the network can bring into the log.
     lines: Lines,
     /// Keys that are none of ours.
@@ -278,14 +285,37 @@ impl RemoteRobots<'_> {
                 is_live,
                 ..
             } => {
-                let Some(topic) = keys::topic(last) else {
+                // A stranger may answer a question about last messages with samples.
+                let wanted = |topic: &Topic| *topic != Topic::Sample || self.args.samples;
+                let Some(topic) = keys::topic(last).filter(wanted) else {
                     self.strangers += 1;
+                    return Ok(());
+                };
+                let Some(message) = Incoming::read(topic, payload, envelope, *is_live) else {
+                    self.leave_out(host, robot, topic, payload.len());
                     return Ok(());
                 };
                 let Some(remote_robot) = self.robot(host, robot) else {
                     return Ok(());
                 };
-                remote_robot.message(topic, payload, envelope, *is_live)
+                remote_robot.message(&message)
+            }
+        }
+    }
+
+    /// Counts a message that cannot be read. It makes no place for a robot that has none.
+    fn leave_out(&mut self, host: &str, robot: &str, topic: Topic, bytes: usize) {
+        match self.robots.get_mut(robot) {
+            Some(remote_robot) if remote_robot.host == host => remote_robot.leave_out(topic, bytes),
+            _ => {
+                self.unread += 1;
+                let now = Instant::now();
+                if self.unreadable.is_first(format!("{host}/{robot}"), now)
+                    && let Some(before) = self.lines.next(now)
+                {
+                    let why = unreadable(topic, bytes);
+                    tracing::warn!(host, robot, lines_left_out = before, "robot not admitted: {why}");
+                }
             }
         }
     }
@@ -333,6 +363,7 @@ impl RemoteRobots<'_> {
             match self.admit(host, robot) {
                 Ok(remote_robot) => {
                     self.refusals.forget(robot);
+                    self.unreadable.forget(&format!("{host}/{robot}"));
                     self.robots.insert(robot.to_owned(), remote_robot);
                 }
                 Err(why) => {

@@ -7,6 +7,7 @@
 
 mod envelope;
 mod error;
+mod incoming;
 mod inward;
 mod keys;
 mod latest;

@@ -1,7 +1,8 @@
 //! A robot of another host in this domain: its topics, and the requests to its identifier.
 
-use crate::envelope::{Envelope, unix_ns};
+use crate::envelope::unix_ns;
 use crate::error::{GatewayError, network};
+use crate::incoming::{Body, Incoming, unreadable};
 use crate::keys;
 use crate::out::Counted;
 use crate::questions;
@@ -13,8 +14,8 @@ use std::time::{Duration, Instant};
 use thetabus::bus::{
     Asked, Bus, BusError, ControlServer, Delivery, Latched, Publisher, Role, RoleLock, SamplePublisher, Topic,
 };
-use thetabus::messages::{Description, Estimate, Journal, Response, SCHEMA_VERSION, Sample, Status, response_code};
-use thetabus::recording::{Dimensions, OnWire, from_cdr, to_cdr};
+use thetabus::messages::{Description, Estimate, Journal, Response, Sample, Status, response_code};
+use thetabus::recording::{Dimensions, from_cdr, to_cdr};
 use zenoh::handlers::{FifoChannel, FifoChannelHandler};
 use zenoh::query::{QueryTarget, Reply};
 use zenoh::{Session, Wait};
@@ -89,27 +90,32 @@ impl RemoteRobot {
     ///
     /// # Errors
     /// The bus fails.
-    pub fn message(
-        &mut self,
-        topic: Topic,
-        payload: &[u8],
-        envelope: &[u8],
-        is_live: bool,
-    ) -> Result<(), GatewayError> {
-        let message = IncomingMessage {
-            payload,
-            envelope,
-            is_live,
-        };
-        match topic {
-            Topic::Description => self.description.take(&message)?,
-            Topic::Estimate => self.estimate.take(&message)?,
-            Topic::Status => self.status.take(&message)?,
-            Topic::Journal => self.journal.take(&message)?,
-            Topic::Sample => self.samples.take(&message, &self.bus)?,
-            Topic::Control | Topic::Command => {}
+    pub fn message(&mut self, message: &Incoming) -> Result<(), GatewayError> {
+        match &message.body {
+            Body::Description(body) => self.description.take(message, body)?,
+            Body::Estimate(body) => self.estimate.take(message, body)?,
+            Body::Status(body) => self.status.take(message, body)?,
+            Body::Journal(body) => self.journal.take(message, body)?,
+            Body::Sample(body) => self.samples.take(message, body, &self.bus)?,
         }
         Ok(())
+    }
+
+    /// Counts a message that cannot be read, and says so of the first of its topic.
+    pub fn leave_out(&mut self, topic: Topic, bytes: usize) {
+        let tally = match topic {
+            Topic::Description => &mut self.description.tally,
+            Topic::Estimate => &mut self.estimate.tally,
+            Topic::Status => &mut self.status.tally,
+            Topic::Journal => &mut self.journal.tally,
+            Topic::Sample => &mut self.samples.tally,
+            Topic::Control | Topic::Command => return,
+        };
+        tally.left_out += 1;
+        if tally.left_out == 1 {
+            let why = unreadable(topic, bytes);
+            tracing::warn!(host = self.host, robot = self.bus.robot(), "a message was left out: {why}");
+        }
     }
 
     /// Passes requests and answers on, and serves whoever joined the bus.
@@ -235,40 +241,18 @@ fn answer(replies: &FifoChannelHandler<Reply>, host: &str) -> Option<Response> {
     }
 }
 
-/// A message as it came.
-struct IncomingMessage<'a> {
-    payload: &'a [u8],
-    envelope: &'a [u8],
-    is_live: bool,
-}
-
-impl IncomingMessage<'_> {
-    /// The message, if it is new and can be read.
-    fn open<M: OnWire + Counted>(&self, tally: &mut Tally) -> Option<M> {
-        let envelope = Envelope::from_bytes(self.envelope).filter(|envelope| envelope.schema == SCHEMA_VERSION);
-        let message = envelope.and_then(|e| from_cdr::<M>(self.payload, e.dimensions).ok().map(|m| (e, m)));
-        let Some((envelope, message)) = message else {
-            if tally.left_out == 0 {
-                tracing::warn!(
-                    "a {} was left out: {} bytes that are none of schema {SCHEMA_VERSION}; use the same version of thetabus on both hosts",
-                    M::LAYOUT.name,
-                    self.payload.len()
-                );
-            }
-            tally.left_out += 1;
-            return None;
-        };
-        if !tally.admit(&envelope) {
-            return None;
-        }
-        if let Some((stream_id, seq)) = message.counted() {
-            tally.place(stream_id, seq);
-        }
-        if self.is_live {
-            tally.late(envelope.sent_unix_ns, unix_ns());
-        }
-        Some(message)
+/// Counts a message; false if it is not new.
+fn count<M: Counted>(tally: &mut Tally, message: &Incoming, body: &M) -> bool {
+    if !tally.admit(&message.envelope) {
+        return false;
     }
+    if let Some((stream_id, seq)) = body.counted() {
+        tally.place(stream_id, seq);
+    }
+    if message.is_live {
+        tally.late(message.envelope.sent_unix_ns, unix_ns());
+    }
+    true
 }
 
 /// A topic of which the bus keeps the last message.
@@ -277,7 +261,7 @@ struct TopicPort<T: Latched> {
     tally: Tally,
 }
 
-impl<T: Latched + OnWire + Counted> TopicPort<T> {
+impl<T: Latched + Counted> TopicPort<T> {
     fn new(bus: &Bus) -> Result<Self, BusError> {
         Ok(Self {
             port: Publisher::new(bus)?,
@@ -285,10 +269,10 @@ impl<T: Latched + OnWire + Counted> TopicPort<T> {
         })
     }
 
-    fn take(&mut self, message: &IncomingMessage<'_>) -> Result<(), BusError> {
-        match message.open::<T>(&mut self.tally) {
-            Some(message) => self.port.send(&message),
-            None => Ok(()),
+    fn take(&mut self, message: &Incoming, body: &T) -> Result<(), BusError> {
+        match count(&mut self.tally, message, body) {
+            true => self.port.send(body),
+            false => Ok(()),
         }
     }
 }
@@ -301,10 +285,10 @@ struct Samples {
 }
 
 impl Samples {
-    fn take(&mut self, message: &IncomingMessage<'_>, bus: &Bus) -> Result<(), BusError> {
-        let Some(sample) = message.open::<Sample>(&mut self.tally) else {
+    fn take(&mut self, message: &Incoming, sample: &Sample, bus: &Bus) -> Result<(), BusError> {
+        if !count(&mut self.tally, message, sample) {
             return Ok(());
-        };
+        }
         if self.port.is_none() {
             if self.refused.is_some_and(|since| since.elapsed() < RETRY_AFTER) {
                 return Ok(());
@@ -322,7 +306,7 @@ impl Samples {
         let Some((port, _)) = &mut self.port else {
             return Ok(());
         };
-        port.send(&sample)?;
+        port.send(sample)?;
         port.wake();
         Ok(())
     }

@@ -2,11 +2,8 @@
 
 use crate::support::*;
 use std::collections::BTreeSet;
-use std::time::Duration;
 use thetabus::bus::{Bus, ControlClient, ControlServer, Subscriber};
 use thetabus::messages::{Command, Description, Estimate, Request, Response, response_code};
-use zenoh::Wait;
-use zenoh::qos::CongestionControl;
 
 fn user(name: &str, password: &str) -> String {
     format!("{{ transport: {{ auth: {{ usrpwd: {{ user: '{name}', password: '{password}' }} }} }} }}")
@@ -116,62 +113,6 @@ fn prop_only_the_loopback_interface_is_used_unless_told_otherwise() {
             );
         }
     }
-}
-
-#[test]
-fn fault_garbage_on_the_network_is_left_out_and_told() {
-    let site = Site::new();
-    let at = endpoint();
-    let router = gateway(&["route", "--listen", &at]);
-    router.says("routes");
-    let inward = site.inward(&["--connect", &at, "--samples", "--max-robots", "1"]);
-    inward.says("carries in");
-    let session = stranger(&at);
-    let good_envelope = {
-        // Of schema 3, two joints, nine parameters.
-        let mut bytes = [0_u8; 40];
-        (bytes[0], bytes[4]) = (1, 3);
-        bytes[32..36].copy_from_slice(&[2, 2, 9, 1]);
-        bytes
-    };
-    let mut other_schema = good_envelope;
-    other_schema[4] = 99;
-    for round in 0..20_u8 {
-        for (payload, envelope) in [
-            (vec![], vec![]),
-            (vec![round; 100], good_envelope.to_vec()),
-            (vec![0, 1, 0, 0, 255, 255, 255, 255], good_envelope.to_vec()),
-            (vec![0; 100_000], other_schema.to_vec()),
-            (vec![0, 1, 0, 0], vec![255; 41]),
-        ] {
-            for topic in ["estimate", "sample", "description", "journal", "status", "nonsense"] {
-                let put = session.put(format!("thetabus/cell/arm/{topic}"), payload.clone());
-                put.attachment(envelope.clone())
-                    .congestion_control(CongestionControl::Block)
-                    .wait()
-                    .expect("put");
-            }
-        }
-        session
-            .put(format!("thetabus/cell/robot-{round}/estimate"), "too many")
-            .wait()
-            .expect("put");
-        session
-            .put("thetabus/CELL/arm/estimate", "no host")
-            .wait()
-            .expect("put");
-    }
-    inward.says("was left out");
-    inward.says("robot not admitted: there are 1 robots already");
-    let bus = Bus::join(&site.far, "arm", "reader").expect("joined");
-    let mut estimates = Subscriber::<Estimate>::new(&bus).expect("subscribed");
-    std::thread::sleep(Duration::from_millis(300));
-    assert_eq!(estimates.drain(|_| {}).expect("looked"), 0);
-    session.close().wait().expect("closed");
-    let (code, table, log) = inward.end();
-    assert_eq!(code.code(), Some(0), "{log}");
-    let [carried, _, _, left_out, _] = figures(&table, "thetabus/cell/arm/estimate");
-    assert_eq!((carried, left_out), (0, 100), "{table}");
 }
 
 #[test]

@@ -8,5 +8,6 @@ mod carry;
 mod control;
 mod kills;
 mod programs;
+mod strangers;
 mod support;
 mod ways;

@@ -13,8 +13,10 @@ use std::time::{Duration, Instant};
 use tempfile::TempDir;
 use thetabus::bus::{Bus, Delivery, Domain, Publisher, Role, RoleLock, SamplePublisher, Subscriber};
 use thetabus::messages::{
-    Command as Order, DerivedInfo, Description, Estimate, JointInfo, Journal, ParameterInfo, Request, Sample, Status,
+    Command as Order, DerivedInfo, Description, Estimate, JointInfo, Journal, ParameterInfo, Request, SCHEMA_VERSION,
+    Sample, Status,
 };
+use thetabus::recording::{Dimensions, OnWire, to_cdr};
 use zenoh::Wait;
 
 /// Nothing here takes this long unless it hangs.
@@ -109,6 +111,26 @@ pub fn stranger(at: &str) -> zenoh::Session {
     );
     let config = zenoh::Config::from_json5(&config).expect("valid");
     eventually("a session", || zenoh::open(config.clone()).wait().ok())
+}
+
+/// The envelope of a stranger's message of this schema, in run 1; the number is that of the message.
+pub fn envelope(schema: u32, number: u64, of: Dimensions) -> Vec<u8> {
+    let mut bytes = vec![0; 40];
+    bytes[0] = 1;
+    bytes[4..8].copy_from_slice(&schema.to_le_bytes());
+    bytes[8] = 1;
+    bytes[16..24].copy_from_slice(&number.to_le_bytes());
+    bytes[32..36].copy_from_slice(&[of.joints, of.equations, of.parameters, of.derived]);
+    bytes
+}
+
+/// Puts a message as an honest gateway does.
+pub fn put<M: OnWire>(session: &zenoh::Session, key: &str, number: u64, message: &M) {
+    let put = session.put(key, to_cdr(message));
+    put.attachment(envelope(SCHEMA_VERSION, number, message.dimensions()))
+        .congestion_control(zenoh::qos::CongestionControl::Block)
+        .wait()
+        .expect("put");
 }
 
 /// What answers a question, with the keys of the answers.

@@ -5,8 +5,10 @@
 //!                      (by way of any number of routers)
 //! ```
 
+mod away;
 mod envelope;
 mod error;
+mod inbox;
 mod incoming;
 mod inward;
 mod keys;
@@ -15,10 +17,14 @@ mod load;
 mod log;
 mod network;
 mod out;
+mod ports;
 mod questions;
+mod record;
 mod refusals;
 mod remote_robot;
+mod robots;
 mod route;
+mod silence;
 mod tally;
 mod way;
 

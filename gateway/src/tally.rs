@@ -1,6 +1,7 @@
 //! What was carried, what was lost, and how late it came.
 
-use crate::envelope::Envelope;
+use crate::envelope::{Envelope, unix_ns};
+use crate::incoming::Incoming;
 use hdrhistogram::Histogram;
 use std::fmt;
 use std::io::Write as _;
@@ -95,6 +96,20 @@ impl Tally {
         self.carried += 1;
         self.lost += place.lost;
         self.runs += u64::from(place.is_new_run);
+        true
+    }
+
+    /// Counts a message that came, with the machine's own count of it; false if it is not new.
+    pub fn count(&mut self, message: &Incoming, counted: Option<(u64, u64)>) -> bool {
+        if !self.admit(&message.envelope) {
+            return false;
+        }
+        if let Some((stream_id, seq)) = counted {
+            self.place(stream_id, seq);
+        }
+        if message.is_live {
+            self.late(message.envelope.sent_unix_ns, unix_ns());
+        }
         true
     }
 

@@ -8,6 +8,7 @@ mod carry;
 mod control;
 mod kills;
 mod programs;
+mod silence;
 mod strangers;
 mod support;
 mod ways;

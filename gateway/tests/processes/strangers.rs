@@ -93,7 +93,9 @@ fn fault_names_of_garbage_take_no_place_and_an_honest_robot_comes_in_behind_them
     let out = site.out(&["--connect", &at]);
     out.says("carries out");
     machine.estimates.send(&estimate(7)).expect("sent");
-    machine.until(&mut estimates, "the honest robot's estimate", |estimate| estimate.block == 7);
+    machine.until(&mut estimates, "the honest robot's estimate", |estimate| {
+        estimate.block == 7
+    });
     drop(RoleLock::acquire(&site.far, "made-up-0", Role::Identifier).expect("nobody has this role"));
 
     let (code, table, log) = inward.end();
@@ -107,7 +109,10 @@ fn fault_names_of_garbage_take_no_place_and_an_honest_robot_comes_in_behind_them
     let seconds = begun.elapsed().as_secs() + 1;
     assert!(told <= names && told <= 10 * seconds, "{lines:?}");
     for name in 0..names {
-        let of_it = lines.iter().filter(|line| line.contains(&format!("\"made-up-{name}\""))).count();
+        let of_it = lines
+            .iter()
+            .filter(|line| line.contains(&format!("\"made-up-{name}\"")))
+            .count();
         assert!(of_it <= 1, "{lines:?}");
     }
 }

@@ -10,7 +10,7 @@
 //! it brings samples.
 
 use crate::error::{GatewayError, network};
-use crate::inbox::{Event, Inbox};
+use crate::inbox::{Inbox, Presence};
 use crate::keys::{self, Host};
 use crate::network::{self, NetworkArgs, Part};
 use crate::robots::RemoteRobots;
@@ -69,7 +69,7 @@ pub fn run(args: &InArgs, stop: &AtomicBool) -> Result<(), GatewayError> {
     let Some(session) = network::open(&args.network, Part::Guest, stop)? else {
         return Ok(());
     };
-    let (put, inbox) = Inbox::new();
+    let (put, outbox) = Inbox::new();
     subscribe(&session, from.as_ref(), args, &put)?;
     tracing::info!(
         from = from.as_ref().map_or("all hosts", Host::name),
@@ -78,10 +78,10 @@ pub fn run(args: &InArgs, stop: &AtomicBool) -> Result<(), GatewayError> {
         control = !args.no_control,
         "carries in"
     );
-    let mut remote_robots = RemoteRobots::new(args, member, &session, put);
+    let mut remote_robots = RemoteRobots::new(args, member, &session, put, outbox);
     let mut tick = Instant::now();
     while !stop.load(Ordering::Relaxed) {
-        remote_robots.take(&inbox)?;
+        remote_robots.take()?;
         let is_tick = tick.elapsed() >= IDLE_TICK;
         if is_tick {
             tick = Instant::now();
@@ -122,10 +122,11 @@ fn subscribe(session: &Session, from: Option<&Host>, args: &InArgs, put: &Inbox)
             .history(true)
             .callback(move |token| {
                 let key = token.key_expr().as_str().to_owned();
-                put.put(match token.kind() {
-                    SampleKind::Put => Event::Alive { key },
-                    SampleKind::Delete => Event::Gone { key },
-                });
+                let presence = match token.kind() {
+                    SampleKind::Put => Presence::Alive,
+                    SampleKind::Delete => Presence::Gone,
+                };
+                put.token(key, presence);
             })
             .background()
             .wait()

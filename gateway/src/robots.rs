@@ -2,7 +2,7 @@
 
 use crate::away::Away;
 use crate::error::{GatewayError, network};
-use crate::inbox::{Event, Inbox};
+use crate::inbox::{Inbox, Message, Outbox, Overflow, Presence, Word};
 use crate::incoming::{Incoming, unreadable};
 use crate::inward::InArgs;
 use crate::keys;
@@ -11,7 +11,6 @@ use crate::refusals::{Lines, Refusals};
 use crate::remote_robot::{RETRY_AFTER, RemoteRobot};
 use crate::tally::{HEAD, say};
 use std::collections::BTreeMap;
-use std::sync::mpsc::Receiver;
 use std::time::{Duration, Instant};
 use thetabus::bus::{Bus, Topic};
 use zenoh::query::{ConsolidationMode, QueryTarget};
@@ -28,6 +27,10 @@ pub struct RemoteRobots<'a> {
     member: Bus,
     session: &'a Session,
     put: Inbox,
+    outbox: Outbox,
+    overflow: Overflow,
+    /// Robots to ask for their last messages, one at a tick, so that the answers have room.
+    to_ask: Vec<(String, String)>,
     robots: BTreeMap<String, RemoteRobot>,
     away: Away,
     refusals: Refusals,
@@ -43,12 +46,15 @@ pub struct RemoteRobots<'a> {
 
 impl<'a> RemoteRobots<'a> {
     /// None yet.
-    pub fn new(args: &'a InArgs, member: Bus, session: &'a Session, put: Inbox) -> Self {
+    pub fn new(args: &'a InArgs, member: Bus, session: &'a Session, put: Inbox, outbox: Outbox) -> Self {
         Self {
             args,
             member,
             session,
             put,
+            outbox,
+            overflow: Overflow::default(),
+            to_ask: Vec::new(),
             robots: BTreeMap::new(),
             away: Away::default(),
             refusals: Refusals::default(),
@@ -59,18 +65,20 @@ impl<'a> RemoteRobots<'a> {
         }
     }
 
-    /// Waits for events and takes them.
+    /// Waits for what the network sends, and takes it.
     ///
     /// # Errors
     /// The bus or the network fails.
-    pub fn take(&mut self, inbox: &Receiver<Event>) -> Result<(), GatewayError> {
-        let Ok(first) = inbox.recv_timeout(PAUSE) else {
-            return Ok(());
-        };
-        self.event(first)?;
-        for _ in 1..AT_A_TIME {
-            let Ok(event) = inbox.try_recv() else { break };
-            self.event(event)?;
+    pub fn take(&mut self) -> Result<(), GatewayError> {
+        if let Ok(first) = self.outbox.wait(PAUSE) {
+            self.message(&first)?;
+            for _ in 1..AT_A_TIME {
+                let Ok(message) = self.outbox.next() else { break };
+                self.message(&message)?;
+            }
+        }
+        for (key, presence) in self.outbox.tokens() {
+            self.token(&key, presence)?;
         }
         Ok(())
     }
@@ -87,6 +95,10 @@ impl<'a> RemoteRobots<'a> {
             let now = Instant::now();
             self.tell_losses(now);
             self.give_back(now);
+            self.tell_overflow(now);
+            if let Some((host, robot)) = self.to_ask.pop() {
+                self.ask_for_last(&host, &robot)?;
+            }
         }
         Ok(())
     }
@@ -99,7 +111,7 @@ impl<'a> RemoteRobots<'a> {
         records.sort_by_key(|record| (&record.robot, &record.host));
         records.into_iter().for_each(Record::report);
         let counts = [
-            ("inbox full", self.put.dropped(), " messages"),
+            ("inbox full", self.outbox.dropped(), " messages"),
             ("foreign keys", self.strangers, ""),
             ("not readable from robots without a place", self.unread, ""),
             ("silent robots without a line here", self.away.forgotten(), ""),
@@ -110,59 +122,68 @@ impl<'a> RemoteRobots<'a> {
         }
     }
 
-    fn event(&mut self, event: Event) -> Result<(), GatewayError> {
-        let (Event::Message { key, .. } | Event::Alive { key } | Event::Gone { key }) = &event;
-        let Some((host, robot, last)) = keys::parts(key) else {
+    /// A robot's gateway has come or gone.
+    fn token(&mut self, key: &str, presence: Presence) -> Result<(), GatewayError> {
+        let Some((host, robot, _)) = keys::parts(key) else {
             self.strangers += 1;
             return Ok(());
         };
-        match &event {
-            Event::Alive { .. } => {
-                if let Some(before) = self.lines.next(Instant::now()) {
+        if let Some(remote_robot) = self.robots.get_mut(robot)
+            && remote_robot.record.host == host
+        {
+            remote_robot.is_there = presence == Presence::Alive;
+        }
+        let line = self.lines.next(Instant::now());
+        match presence {
+            Presence::Alive => {
+                if let Some(before) = line {
                     tracing::info!(host, robot, lines_left_out = before, "robot connected");
-                }
-                if let Some(remote_robot) = self
-                    .robots
-                    .get_mut(robot)
-                    .filter(|remote_robot| remote_robot.record.host == host)
-                {
-                    remote_robot.is_there = true;
                 }
                 self.ask_for_last(host, robot)
             }
-            Event::Gone { .. } => {
-                if let Some(before) = self.lines.next(Instant::now()) {
+            Presence::Gone => {
+                if let Some(before) = line {
                     tracing::warn!(host, robot, lines_left_out = before, "its gateway has gone");
-                }
-                if let Some(remote_robot) = self
-                    .robots
-                    .get_mut(robot)
-                    .filter(|remote_robot| remote_robot.record.host == host)
-                {
-                    remote_robot.is_there = false;
                 }
                 Ok(())
             }
-            Event::Message {
-                payload,
-                envelope,
-                is_live,
-                ..
-            } => {
-                // A stranger may answer a question about last messages with samples.
-                let wanted = |topic: &Topic| *topic != Topic::Sample || self.args.samples;
-                let Some(topic) = keys::topic(last).filter(wanted) else {
-                    self.strangers += 1;
-                    return Ok(());
-                };
-                let Some(message) = Incoming::read(topic, payload, envelope, *is_live) else {
-                    self.leave_out(host, robot, topic, payload.len());
-                    return Ok(());
-                };
-                let Some(remote_robot) = self.robot(host, robot, *is_live)? else {
-                    return Ok(());
-                };
-                remote_robot.message(&message)
+        }
+    }
+
+    fn message(&mut self, message: &Message) -> Result<(), GatewayError> {
+        // A stranger may answer a question about last messages with samples.
+        let wanted = |topic: &Topic| *topic != Topic::Sample || self.args.samples;
+        let parts = keys::parts(&message.key);
+        let known = parts.and_then(|(host, robot, last)| Some((host, robot, keys::topic(last).filter(wanted)?)));
+        let Some((host, robot, topic)) = known else {
+            self.strangers += 1;
+            return Ok(());
+        };
+        let Some(read) = Incoming::read(topic, &message.payload, &message.envelope, message.is_live) else {
+            self.leave_out(host, robot, topic, message.came);
+            return Ok(());
+        };
+        match self.robot(host, robot, read.is_live)? {
+            Some(remote_robot) => remote_robot.message(&read),
+            None => Ok(()),
+        }
+    }
+
+    /// Says that messages had no room. When there is room again, all robots are asked for their last
+    /// messages: a description comes once, and may have been among them.
+    fn tell_overflow(&mut self, now: Instant) {
+        let dropped = self.outbox.dropped();
+        match self.overflow.word(dropped, now) {
+            Word::Nothing => {}
+            Word::Tell(more) => tracing::warn!(
+                "inbox full: {more} messages were dropped, {dropped} in all; more come than this process can take in"
+            ),
+            Word::Over => {
+                tracing::info!("inbox has room again: {dropped} messages were dropped in all");
+                let robots = self.robots.iter();
+                self.to_ask = robots
+                    .map(|(robot, remote_robot)| (remote_robot.record.host.clone(), robot.clone()))
+                    .collect();
             }
         }
     }

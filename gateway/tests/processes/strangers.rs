@@ -3,8 +3,8 @@
 use crate::support::*;
 use std::time::{Duration, Instant};
 use thetabus::bus::{Bus, Role, RoleLock, Subscriber};
-use thetabus::messages::{Estimate, SCHEMA_VERSION};
-use thetabus::recording::Dimensions;
+use thetabus::messages::{Description, Estimate, SCHEMA_VERSION};
+use thetabus::recording::{Dimensions, OnWire, to_cdr};
 use zenoh::Wait;
 use zenoh::qos::CongestionControl;
 
@@ -115,4 +115,52 @@ fn fault_names_of_garbage_take_no_place_and_an_honest_robot_comes_in_behind_them
             .count();
         assert!(of_it <= 1, "{lines:?}");
     }
+}
+
+#[test]
+fn fault_a_full_inbox_is_told_while_it_lasts_and_what_comes_once_comes_after_it() {
+    let site = Site::new();
+    let at = endpoint();
+    let router = gateway(&["route", "--listen", &at]);
+    router.says("routes");
+    let inward = site.inward(&["--connect", &at]);
+    inward.says("carries in");
+    let session = stranger(&at);
+    let bytes = (
+        to_cdr(&description()),
+        envelope(SCHEMA_VERSION, 0, description().dimensions()),
+    );
+    let begun = Instant::now();
+    let mut count = 0;
+    while !inward.stderr().contains("inbox full: ") {
+        assert!(begun.elapsed() < WATCHDOG, "{count} in {WATCHDOG:?}");
+        throw(&session, "thetabus/cell/flood/description", bytes.clone());
+        count += 1;
+    }
+    // A robot that appears in the middle is asked for what it has sent.
+    let mut machine = Machine::new(&site.near);
+    let out = site.out(&["--connect", &at]);
+    let bus = Bus::join(&site.far, "arm", "reader").expect("joined");
+    let mut descriptions = Subscriber::<Description>::new(&bus).expect("subscribed");
+    eventually("the description, through the flood", || {
+        throw(&session, "thetabus/cell/flood/description", bytes.clone());
+        machine.tick();
+        let mut found = 0;
+        descriptions.drain(|_| found += 1).expect("received");
+        (found > 0).then_some(())
+    });
+    inward.says("inbox has room again");
+    let (code, table, log) = inward.end();
+    assert!(code.success(), "{log}");
+    let told = log.lines().filter_map(|line| {
+        line.split_once("inbox full: ")?
+            .1
+            .split(' ')
+            .next()?
+            .parse::<u64>()
+            .ok()
+    });
+    let count = format!("inbox full: {} messages", told.sum::<u64>());
+    assert!(table.contains(&count), "{count} in {table}{log}");
+    drop(out);
 }

@@ -145,6 +145,13 @@ fn read(path: &Path) -> Result<Value, GatewayError> {
         problem,
     };
     let file: Value = json5::from_str(&text).map_err(|e| wrong(e.to_string()))?;
+    let auth = &file["transport"]["auth"]["usrpwd"];
+    if auth["user"].is_null() != auth["password"].is_null() {
+        // zenoh would say that it is invalid.
+        return Err(wrong(
+            "transport.auth.usrpwd: one of user and password without the other".into(),
+        ));
+    }
     // By itself, so that what is wrong is said of the file and not hidden by what is laid over it.
     match Config::from_json5(&file.to_string()) {
         Ok(_) if file.is_object() => {
@@ -196,6 +203,16 @@ pub fn merged(args: &NetworkArgs, part: Part) -> Result<Value, GatewayError> {
         };
         lay(&mut config, json!({ "mode": mode }));
     }
+    if config["mode"] == json!("client")
+        && !has_endpoints(&config, "connect")
+        && !scouts
+        && let Some(path) = &args.config
+    {
+        return Err(GatewayError::Config {
+            path: path.clone(),
+            problem: "mode client without connect.endpoints: it has nobody to connect to, and does not listen".into(),
+        });
+    }
     Ok(config)
 }
 
@@ -218,6 +235,7 @@ pub fn open(args: &NetworkArgs, part: Part, stop: &AtomicBool) -> Result<Option<
         };
         match opened {
             Ok(session) => return Ok(Some(session)),
+            Err(_) if !is_told && !is_sound(args, &merged, stop)? => return Ok(None),
             Err(e) if is_client => {
                 if !is_told {
                     tracing::warn!(
@@ -241,6 +259,38 @@ pub fn open(args: &NetworkArgs, part: Part, stop: &AtomicBool) -> Result<Option<
                 )));
             }
         }
+    }
+}
+
+/// Whether zenoh takes the configuration where it has nobody to connect to and nowhere to listen: what
+/// it refuses then, it will refuse at each attempt. False if `stop` was set meanwhile.
+///
+/// # Errors
+/// zenoh refuses it.
+fn is_sound(args: &NetworkArgs, merged: &Value, stop: &AtomicBool) -> Result<bool, GatewayError> {
+    let mut alone = merged.clone();
+    let nowhere = json!({
+        "mode": "peer",
+        "connect": { "endpoints": [] },
+        "listen": { "endpoints": [] },
+        "scouting": { "multicast": { "enabled": false } },
+    });
+    lay(&mut alone, nowhere);
+    let alone = Config::from_json5(&alone.to_string()).map_err(network("its configuration"))?;
+    match attempt(&alone, stop) {
+        None => Ok(false),
+        Some(Ok(session)) => {
+            // It has done its work; how it ends is of no interest.
+            let _ = session.close().wait();
+            Ok(true)
+        }
+        Some(Err(e)) => Err(match &args.config {
+            Some(path) => GatewayError::Config {
+                path: path.clone(),
+                problem: words(e),
+            },
+            None => network("its configuration")(e),
+        }),
     }
 }
 
@@ -326,6 +376,12 @@ mod tests {
             "{ listen: { endpoints: { peer: ['udp/127.0.0.1:7447'] } } }",
             "{ transport: { link: { tls: { root_ca_certificate: '/nowhere/ca.pem' } } } }",
             "{ transport: { auth: { usrpwd: { dictionary_file: '/nowhere/users' } } } }",
+            "{ transport: { auth: { usrpwd: { user: 'floor' } } } }",
+            "{ mode: 'client', listen: { endpoints: ['tcp/127.0.0.1:0'] } }",
+            // What zenoh refuses at an attempt to connect, and would refuse at each.
+            "{ access_control: { enabled: true, default_permission: 'deny',
+                rules: [{ id: 'r', permission: 'allow', messages: ['put'], key_exprs: ['**'] }],
+                subjects: [{ id: 's', usernames: ['v'] }], policies: [{ rules: ['no such rule'], subjects: ['s'] }] } }",
         ] {
             let (file, args) = with_file(text);
             let error = open(&args, Part::Guest, &stop).expect_err("refused");
@@ -337,6 +393,22 @@ mod tests {
             ..NetworkArgs::default()
         };
         assert!(open(&args, Part::Guest, &stop).expect_err("missing").is_usage());
+    }
+
+    #[test]
+    fn fault_a_list_of_users_that_is_none_is_refused_at_once_by_either_end() {
+        let (users, _) = with_file("floor without a password\n");
+        let users = users.path().display();
+        let (_file, args) = with_file(&format!(
+            "{{ transport: {{ auth: {{ usrpwd: {{ user: 'a', password: 'b', dictionary_file: '{users}' }} }} }} }}"
+        ));
+        for part in [Part::Guest, Part::Host] {
+            let error = open(&args, part, &AtomicBool::new(false)).expect_err("refused");
+            assert!(
+                error.to_string().contains("dictionary file: invalid format") && error.is_usage(),
+                "{error}"
+            );
+        }
     }
 
     #[test]

@@ -5,6 +5,8 @@ use crate::tally::{Tally, say};
 use std::time::{Duration, Instant};
 use thetabus::bus::Topic;
 
+/// Returns of a run that was replaced: the last messages of a gateway that has died come once at most.
+const RETURNS: u32 = 4;
 /// From the first message that is missing until the log tells: statuses come twice a second.
 const SETTLED: Duration = Duration::from_secs(1);
 /// Shortest time between two lines about what is missing.
@@ -20,6 +22,7 @@ pub struct Record {
     pub status: Tally,
     pub journal: Tally,
     pub sample: Tally,
+    runs: Runs,
     losses: Losses,
 }
 
@@ -34,6 +37,7 @@ impl Record {
             status: Tally::new(),
             journal: Tally::new(),
             sample: Tally::new(),
+            runs: Runs::default(),
             losses: Losses::default(),
         }
     }
@@ -46,6 +50,11 @@ impl Record {
             (Topic::Journal, &self.journal),
             (Topic::Sample, &self.sample),
         ]
+    }
+
+    /// Notes the run of a message; true if two gateways turn out to send under this name.
+    pub fn is_of_two(&mut self, run: u64) -> bool {
+        self.runs.is_of_two(run)
     }
 
     /// Counts a message that cannot be read; how many there were of its topic.
@@ -77,6 +86,31 @@ impl Record {
                 say(format_args!("{key:<36} {tally}"));
             }
         }
+    }
+}
+
+/// Runs of the gateway that sends. A new one replaces the one before; if that returns again and
+/// again, there are two.
+#[derive(Debug, Default)]
+struct Runs {
+    now: Option<u64>,
+    before: Option<u64>,
+    returns: u32,
+}
+
+impl Runs {
+    fn is_of_two(&mut self, run: u64) -> bool {
+        if self.now == Some(run) {
+            return false;
+        }
+        let has_returned = self.before == Some(run);
+        (self.before, self.now) = (self.now, Some(run));
+        self.returns = if has_returned {
+            self.returns.saturating_add(1)
+        } else {
+            0
+        };
+        has_returned && self.returns == RETURNS
     }
 }
 
@@ -116,6 +150,15 @@ impl Losses {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn prop_two_gateways_of_one_name_are_told_once_and_restarts_are_none() {
+        let (mut restarts, mut both) = (Runs::default(), Runs::default());
+        let told = |runs: &mut Runs, sent: &[u64]| sent.iter().filter(|run| runs.is_of_two(**run)).count();
+        // A message of the run that has ended comes late.
+        assert_eq!(told(&mut restarts, &[1, 1, 2, 1, 2, 2, 3, 3, 4, 3, 4]), 0);
+        assert_eq!(told(&mut both, &[7, 8].repeat(20)), 1);
+    }
 
     #[test]
     fn prop_what_is_missing_is_told_once_when_all_topics_had_time_and_not_often() {

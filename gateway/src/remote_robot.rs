@@ -111,6 +111,13 @@ impl RemoteRobot {
             self.heard = Instant::now();
         }
         let record = &mut self.record;
+        if record.is_of_two(message.envelope.run) {
+            tracing::error!(
+                host = record.host,
+                robot = record.robot,
+                "two gateways send a robot of this name from hosts of this name, and their messages are mixed; give each its own --host"
+            );
+        }
         match &message.body {
             Body::Description(body) => self.description.take(&mut record.description, message, body)?,
             Body::Estimate(body) => self.estimate.take(&mut record.estimate, message, body)?,

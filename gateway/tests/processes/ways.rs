@@ -105,3 +105,22 @@ fn fault_a_second_gateway_of_a_robot_is_refused_and_a_killed_one_is_not_in_the_w
     let next = site.out(&["--listen", &endpoint()]);
     next.says("carries out");
 }
+
+#[test]
+fn fault_two_hosts_of_one_name_that_send_a_robot_of_one_name_are_told() {
+    let (site, twin) = (Site::new(), Site::new());
+    let mut machines = [Machine::new(&site.near), Machine::new(&twin.near)];
+    let at = endpoint();
+    let router = gateway(&["route", "--listen", &at]);
+    router.says("routes");
+    let inward = site.inward(&["--connect", &at]);
+    let outs = [site.out(&["--connect", &at]), twin.out(&["--connect", &at])];
+    outs.iter().for_each(|out| out.says("carries out"));
+    eventually("word of both", || {
+        for machine in &mut machines {
+            machine.tick();
+            machine.statuses.send(&status(1)).expect("sent");
+        }
+        inward.stderr().contains("two gateways send").then_some(())
+    });
+}

@@ -8,7 +8,7 @@ use crate::silence::Silence;
 use crate::tally::{Numbers, Tally};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 use thetabus::bus::{Bus, BusError, Delivery, Latched, Publisher, Role, RoleLock, SamplePublisher};
 use thetabus::messages::Sample;
 
@@ -94,6 +94,13 @@ impl Samples {
             *self = Self::None;
         }
         is_silent
+    }
+
+    /// Does not count a time in which this process could not hear them.
+    pub fn forgive(&mut self, stood: Duration) {
+        if let Self::Port(samples) = self {
+            samples.heard += stood;
+        }
     }
 
     pub fn serve_late_joiners(&mut self) -> Result<(), GatewayError> {

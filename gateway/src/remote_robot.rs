@@ -86,6 +86,12 @@ impl RemoteRobot {
         silence.has_lasted(self.heard, now)
     }
 
+    /// Does not count a time in which this process could not hear it.
+    pub fn forgive(&mut self, stood: Duration) {
+        self.heard += stood;
+        self.samples.forgive(stood);
+    }
+
     /// Gives its roles back; what is left is what is known of it.
     pub fn give_back(self) -> Record {
         let text = format!("nothing comes from host {} any more", self.record.host);

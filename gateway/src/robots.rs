@@ -21,6 +21,9 @@ const PAUSE: Duration = Duration::from_millis(5);
 /// Number of messages taken before requests of the bus are served.
 const AT_A_TIME: usize = 256;
 
+/// Between two ticks of a process that runs there is less time.
+const STANDSTILL: Duration = Duration::from_secs(1);
+
 /// The robots that have come.
 pub struct RemoteRobots<'a> {
     args: &'a InArgs,
@@ -33,6 +36,8 @@ pub struct RemoteRobots<'a> {
     to_ask: Vec<(String, String)>,
     robots: BTreeMap<String, RemoteRobot>,
     away: Away,
+    /// When the last tick was.
+    ticked: Instant,
     refusals: Refusals,
     /// Robots from which nothing has come that can be read.
     unreadable: Refusals,
@@ -57,6 +62,7 @@ impl<'a> RemoteRobots<'a> {
             to_ask: Vec::new(),
             robots: BTreeMap::new(),
             away: Away::default(),
+            ticked: Instant::now(),
             refusals: Refusals::default(),
             unreadable: Refusals::default(),
             unread: 0,
@@ -94,7 +100,14 @@ impl<'a> RemoteRobots<'a> {
         if is_tick {
             let now = Instant::now();
             self.tell_losses(now);
-            self.give_back(now);
+            let stood = now.duration_since(std::mem::replace(&mut self.ticked, now));
+            if stood < STANDSTILL {
+                self.give_back(now);
+            } else {
+                // What has come meanwhile is not taken yet: nobody was silent but this process.
+                let robots = self.robots.values_mut();
+                robots.for_each(|remote_robot| remote_robot.forgive(stood));
+            }
             self.tell_overflow(now);
             if let Some((host, robot)) = self.to_ask.pop() {
                 self.ask_for_last(&host, &robot)?;

@@ -151,3 +151,27 @@ fn fault_a_plant_whose_samples_stop_gives_its_role_back_and_the_identifier_stays
     });
     assert!(!inward.stderr().contains("nothing has come"), "{}", inward.stderr());
 }
+
+#[test]
+fn fault_a_gateway_that_stood_still_itself_keeps_the_roles() {
+    let site = Site::new();
+    let mut machine = Machine::new(&site.near);
+    let at = endpoint();
+    let out = site.out(&["--listen", &at]);
+    let inward = site.inward(&[&["--connect", &at], &LIMIT[..]].concat());
+    out.says("carries out");
+    let bus = Bus::join(&site.far, "arm", "reader").expect("joined");
+    let mut descriptions = Subscriber::<Description>::new(&bus).expect("subscribed");
+    machine.until(&mut descriptions, "the description", |_| true);
+    inward.stop();
+    let start = Instant::now();
+    while start.elapsed() < 2 * LONGER {
+        if start.elapsed() > LONGER {
+            inward.go_on();
+        }
+        machine.statuses.send(&status(1)).expect("sent");
+        std::thread::sleep(Duration::from_millis(100));
+    }
+    assert!(!inward.stderr().contains("nothing has come"), "{}", inward.stderr());
+    assert!(role(&site, Role::Identifier).is_err());
+}

@@ -217,6 +217,12 @@ impl Process {
         kill(pid, Signal::SIGSTOP).expect("the process lives");
     }
 
+    /// Lets it go on.
+    pub fn go_on(&self) {
+        let pid = Pid::from_raw(self.child.id().cast_signed());
+        kill(pid, Signal::SIGCONT).expect("the process lives");
+    }
+
     pub fn kill(mut self) {
         self.child.kill().expect("killed");
         self.child.wait().expect("its end");

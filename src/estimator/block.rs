@@ -425,7 +425,7 @@ impl BlockEstimator {
         let used = (self.used.clone(), &self.report.fit[..]);
         self.groups.inquire(rows, used, &mut self.later, &self.options);
         self.score_test.end();
-        self.report.suspicion = self.score_test.likeliest(|s| rows.lags_as(s));
+        self.report.suspicion = self.score_test.likeliest(|s| rows.lags_as(s), |s| rows.is_named(s));
         self.groups.allow_for(self.score_test.moments());
     }
 

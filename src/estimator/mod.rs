@@ -232,6 +232,10 @@ pub trait Residuals {
     fn lags_as(&self, _suspect: usize) -> Option<usize> {
         None
     }
+    /// False for an error that is only allowed for, because likelier ones look the same.
+    fn is_named(&self, _suspect: usize) -> bool {
+        true
+    }
     /// The relative changes of the parameters that an error of 1 is equivalent to, if it has no
     /// column of its own.
     fn imitation(&self, _suspect: usize) -> Option<&[f64]> {

@@ -219,8 +219,12 @@ impl ScoreTest {
     }
 
     /// The likeliest term, if any is significant; `lags_as(s)` is the delay that term s looks like
-    /// in slow motion.
-    pub fn likeliest(&self, lags_as: impl Fn(usize) -> Option<usize>) -> Option<Suspicion> {
+    /// in slow motion, and `is_named(s)` is false for terms that are only allowed for.
+    pub fn likeliest(
+        &self,
+        lags_as: impl Fn(usize) -> Option<usize>,
+        is_named: impl Fn(usize) -> bool,
+    ) -> Option<Suspicion> {
         let is_known = |s: &Suspicion| {
             let prior = self.std[s.suspect];
             prior == 0.0 || s.amplitude.abs() <= KNOWN * prior * s.deviations
@@ -232,7 +236,8 @@ impl ScoreTest {
             let likeliest = judged.max_by(|a, b| a.explained.total_cmp(&b.explained));
             likeliest.map(|judged| judged.suspicion)
         };
-        let all = (0..self.std.len()).filter_map(|s| self.judge(s)).filter(significant);
+        let named = (0..self.std.len()).filter(|&s| is_named(s));
+        let all = named.filter_map(|s| self.judge(s)).filter(significant);
         let in_sums = (0..self.summed.len()).filter_map(|s| self.judge_sums(s));
         let likeliest = largest(&mut all.filter(Judged::counts)).map(|likeliest| {
             let terms = (0..self.summed.len()).filter(|&s| lags_as(s) == Some(likeliest.suspect));
@@ -391,7 +396,7 @@ mod tests {
         // amplitude 2, information 10 a block: each block is 6.3 standard deviations and explains
         // 40 of χ²
         let test = after(&[(20.0, 10.0), (21.0, 10.0), (19.0, 10.0), (20.0, 10.0)], 50.0, 0.0);
-        let suspicion = test.likeliest(|_| None).expect("four blocks of one kind");
+        let suspicion = test.likeliest(|_| None, |_| true).expect("four blocks of one kind");
         assert_eq!(suspicion.suspect, 2);
         assert!((suspicion.amplitude - 2.0).abs() < 0.01 && (suspicion.share - 0.8).abs() < 0.01);
         assert_eq!(test.believed(2), suspicion.amplitude);
@@ -417,7 +422,7 @@ mod tests {
                 test.take(0, &evidence((&scores, &information, &summed), 100.0, false));
                 test.end();
             }
-            (test.likeliest(|_| None), test.moments()[4 * room + 4])
+            (test.likeliest(|_| None, |_| true), test.moments()[4 * room + 4])
         };
         let (suspicion, moment) = named(220.0);
         assert!(suspicion.is_some_and(|s| s.suspect == 4 && (s.amplitude - 3.0).abs() < 1e-9));
@@ -443,7 +448,9 @@ mod tests {
             test.end();
         }
         // 40 of the group's χ² of 50 beyond its rows
-        let suspicion = test.likeliest(|_| None).expect("one amplitude in every block");
+        let suspicion = test
+            .likeliest(|_| None, |_| true)
+            .expect("one amplitude in every block");
         assert!(suspicion.suspect == 2 && (suspicion.share - 0.8).abs() < 1e-9);
         // the posterior: 39 units of information against a prior of 64, excess 1.1
         let information = 10.0 * (1.0 + MEMORY + MEMORY.powi(2) + MEMORY.powi(3));
@@ -468,7 +475,7 @@ mod tests {
                 test.take(0, &evidence((&scores, &information, &[]), 150.0, true));
                 test.end();
             }
-            let named = test.likeliest(|s| (s == 4).then_some(0));
+            let named = test.likeliest(|s| (s == 4).then_some(0), |_| true);
             named.expect("5 standard deviations a block, four blocks of one kind")
         };
         // 2.5 standard deviations a block beside the delay
@@ -484,27 +491,27 @@ mod tests {
     fn prop_a_column_that_could_show_no_usual_error_names_nothing() {
         // amplitude 2, known to 0.16: as well as the prior, and ten times worse
         let blocks = [(20.0, 10.0), (21.0, 10.0), (19.0, 10.0), (20.0, 10.0)];
-        assert!(after(&blocks, 50.0, 0.16).likeliest(|_| None).is_some());
-        assert_eq!(after(&blocks, 50.0, 0.016).likeliest(|_| None), None);
+        assert!(after(&blocks, 50.0, 0.16).likeliest(|_| None, |_| true).is_some());
+        assert_eq!(after(&blocks, 50.0, 0.016).likeliest(|_| None, |_| true), None);
     }
 
     #[test]
     fn prop_residuals_far_below_the_noise_name_nothing() {
         let scores = [(20.0, 10.0), (21.0, 10.0), (19.0, 10.0), (20.0, 10.0)];
         // χ² of 70 and of 60 in 100 rows a block
-        assert!(after(&scores, -30.0, 0.0).likeliest(|_| None).is_some());
-        assert_eq!(after(&scores, -40.0, 0.0).likeliest(|_| None), None);
+        assert!(after(&scores, -30.0, 0.0).likeliest(|_| None, |_| true).is_some());
+        assert_eq!(after(&scores, -40.0, 0.0).likeliest(|_| None, |_| true), None);
     }
 
     #[test]
     fn prop_blocks_that_disagree_or_chance_name_nothing() {
         // as large, but of alternating sign
         assert_eq!(
-            after(&[(80.0, 10.0), (-60.0, 10.0), (70.0, 10.0), (-40.0, 10.0)], 50.0, 0.0).likeliest(|_| None),
+            after(&[(80.0, 10.0), (-60.0, 10.0), (70.0, 10.0), (-40.0, 10.0)], 50.0, 0.0).likeliest(|_| None, |_| true),
             None
         );
         assert_eq!(
-            after(&[(3.0, 10.0), (4.0, 10.0), (2.0, 10.0), (3.0, 10.0)], 0.0, 0.0).likeliest(|_| None),
+            after(&[(3.0, 10.0), (4.0, 10.0), (2.0, 10.0), (3.0, 10.0)], 0.0, 0.0).likeliest(|_| None, |_| true),
             None
         );
     }

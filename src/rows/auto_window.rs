@@ -279,6 +279,10 @@ impl Residuals for AutoWindowBlock {
         self.own().lags_as(suspect)
     }
 
+    fn is_named(&self, suspect: usize) -> bool {
+        self.own().is_named(suspect)
+    }
+
     fn imitation(&self, suspect: usize) -> Option<&[f64]> {
         self.own().imitation(suspect)
     }

@@ -3,6 +3,7 @@
 mod advice;
 mod auto_window;
 mod by_direction;
+mod drive_shapes;
 mod end_kernel;
 mod error_weights;
 mod first_blocks;

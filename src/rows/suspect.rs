@@ -21,8 +21,8 @@ pub struct Considered {
     /// Offset of each recorded input whose equation has no constant term, as a share of the same
     /// size, and at least of 400 standard deviations of the input's noise, ≥ 0.
     pub offset: f64,
-    /// Dead band of each drive whose joint's model has Coulomb friction, as a share of the same
-    /// size, ≥ 0.
+    /// Dead band of each drive whose joint's model has Coulomb friction, and dead time of each that
+    /// has back EMF and an inductance, as a share of the same size, ≥ 0.
     pub dead_band: f64,
     /// Spring, such as a cable, at each joint whose model has none: its input at the root mean
     /// square of the travel, as a share of the same size, ≥ 0.
@@ -150,7 +150,8 @@ pub enum SuspectKind {
     Offset,
     /// An encoder off its centre.
     Eccentricity,
-    /// A drive that produces nothing for small inputs, and correspondingly less for others.
+    /// A drive that produces nothing for small inputs, and correspondingly less for others; by the
+    /// sign of its current if the model has back EMF.
     DeadBand,
     /// A spring that the model lacks.
     Spring,
@@ -226,7 +227,7 @@ impl Suspect<'_> {
             SuspectKind::Offset => "an offset of the input or a tilted base",
             SuspectKind::Eccentricity => "an encoder off its centre",
             SuspectKind::DeadBand => "a dead band of the drive or backlash",
-            SuspectKind::Spring => "a spring or a cable",
+            SuspectKind::Spring => "a spring, a cable or a tilted base",
             SuspectKind::GainByDirection => "a drive gain that differs by direction",
             SuspectKind::ViscousByDirection => "viscous friction that differs by direction",
             SuspectKind::LoadFriction => "friction that grows with the load",

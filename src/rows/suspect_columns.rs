@@ -11,8 +11,7 @@
 //! | Coulomb friction that the model lacks | s ∫ψ sat(q̇/v₀) | unit of the input |
 //! | friction that falls with speed | s ∫ψ sat(q̇/v₀) exp(−(q̇/v_s)²) | unit of the input |
 //! | an offset of the input, or a constant force | −s | unit of the input |
-//! | a dead band of the drive, which produces u − a sign u | s ∫ψ sat(u/u₀) | unit of the input |
-//! | a spring, such as a cable | s ∫ψ q | unit of the input per rad or m |
+//! | a dead band or dead time of the drive; a spring, such as a cable | see `drive_shapes.rs` | unit of the input; per rad or m |
 //! | gain or viscous friction by direction, friction by load | see `by_direction.rs` | share; as viscous friction; share |
 //! | an inertia without weight, such as a rotor's | see `through_drive.rs` | unit of the input per rad/s² or m/s² |
 //! | viscous friction | see `through_drive.rs` | unit of the input per rad/s or m/s |
@@ -42,6 +41,7 @@
 //! have a prior standard deviation ([`Considered`]), and tests for all of them (`score_test.rs`).
 
 use super::by_direction::ByDirection;
+use super::drive_shapes::DriveShapes;
 use super::kernel::{Kernels, dot};
 use super::present_terms::{has_jump, has_term};
 use super::spread::{root_mean_square, standard_deviation};
@@ -58,8 +58,6 @@ use super::whitening::{Direction, Whitening};
 use crate::model::{AnyPlant, MAX_JOINTS};
 use std::f64::consts::TAU;
 
-/// u₀, as a share of the input's size.
-const DEAD: f64 = 0.02;
 /// Range of an input in standard deviations of its noise, at least.
 const RANGE: f64 = 400.0;
 /// Velocity, in standard deviations of its noise, below which a joint may be at rest.
@@ -73,7 +71,7 @@ const STRIBECK_SPEEDS: [f64; 2] = [0.2, 0.8];
 #[derive(Debug, Clone)]
 pub(super) struct SuspectColumns {
     considered: Considered,
-    places: SuspectPlaces,
+    pub places: SuspectPlaces,
     /// Names of the parameters.
     parameters: Vec<String>,
     /// [equation][suspect][row], and whitened; empty if the error does not affect the equation.
@@ -91,8 +89,8 @@ pub(super) struct SuspectColumns {
     fastest: Vec<f64>,
     /// The integrands of the friction columns, per equation and sample; empty if there are none.
     frictions: Vec<[Vec<f64>; 2]>,
-    /// sat(u/u₀) and q per equation and sample; empty if no column needs them.
-    drives: Vec<[Vec<f64>; 2]>,
+    /// The integrands of dead bands and springs, per equation.
+    drives: Vec<DriveShapes>,
     /// Per equation; empty without Coulomb friction.
     by_direction: Vec<ByDirection>,
     /// Inertias without weight and viscous friction; `None` if the model has parameters for both.
@@ -145,6 +143,7 @@ impl SuspectColumns {
                 SPRING => of == e && !springs[e],
                 INERTIA => of == e && passes(e, ThroughDrive::has_inertia),
                 VISCOUS => of == e && passes(e, ThroughDrive::has_friction),
+                DEAD_BAND => of == e && (jumps[e] || passes(e, ThroughDrive::has_back_emf)),
                 _ if WITH_COULOMB.contains(&index) => of == e && jumps[e],
                 CLOCK => false,
                 SCALE => moves(e, inputs[of]) && first_of(of),
@@ -172,8 +171,11 @@ impl SuspectColumns {
             input_noises: [0.0; MAX_JOINTS],
             speeds: vec![0.0; jumps.len()],
             fastest: vec![0.0; jumps.len()],
-            drives: (jumps.iter().zip(&springs))
-                .map(|(&jumps, &spring)| [room(jumps), room(!spring)])
+            drives: (0..equations.len())
+                .map(|e| DriveShapes {
+                    dead_band: room(jumps[e] || passes(e, ThroughDrive::has_back_emf)),
+                    spring: room(!springs[e]),
+                })
                 .collect(),
             by_direction: jumps
                 .iter()
@@ -301,11 +303,6 @@ impl SuspectColumns {
         self.places.kind(suspect) == SuspectKind::Viscous
     }
 
-    /// The delay, for a resonance.
-    pub fn lags_as(&self, suspect: usize) -> Option<usize> {
-        self.places.lags_as(suspect)
-    }
-
     /// The relative changes of the parameters that an error of 1 is equivalent to.
     pub fn imitation(&self, suspect: usize) -> Option<&[f64]> {
         self.tempo.as_deref().filter(|_| suspect == 1 + CLOCK)
@@ -391,15 +388,11 @@ impl SuspectColumns {
             }
         }
         for (e, &joint) in self.places.inputs.iter().enumerate() {
-            let [dead_band, spring] = &mut self.drives[e];
-            let dead = (DEAD * self.sizes[joint]).max(f64::MIN_POSITIVE);
-            let dead_band = dead_band.iter_mut().zip(&signals.u[joint][..len]);
-            dead_band.for_each(|(band, u)| *band = (u / dead).clamp(-1.0, 1.0));
-            let spring = spring.iter_mut().zip(&signals.q[joint][..len]);
-            spring.for_each(|(spring, q)| *spring = *q);
+            let (u, q) = (&signals.u[joint][..len], &signals.q[joint][..len]);
+            self.drives[e].sense(u, q, self.sizes[joint]);
             let (dq, q_std) = (&signals.dq[joint][..len], &q_std[joint][..len]);
             let standing = STANDING * self.velocity_gain;
-            self.by_direction[e].sense(&signals.u[joint][..len], dq, (q_std, standing));
+            self.by_direction[e].sense(u, dq, (q_std, standing));
             let speed = &mut self.speeds[e];
             let (own, noise) = (root_mean_square(dq), self.velocity_gain * root_mean_square(q_std));
             if own > MOVING * noise {
@@ -424,8 +417,14 @@ impl SuspectColumns {
 
     /// Prepares the columns of inertias and viscous friction for the same samples, at θ.
     pub fn sense_through_drives(&mut self, len: usize, signals: &Trajectory, plant: &dyn AnyPlant, theta: &[f64]) {
-        for own in self.through_drives.iter_mut().flatten() {
+        for (e, own) in self.through_drives.iter_mut().enumerate() {
+            let Some(own) = own else { continue };
             own.sense(plant, theta, &signals.q, len);
+            if let Some(back_emf) = own.back_emf() {
+                let joint = self.places.inputs[e];
+                let (u, dq) = (&signals.u[joint][..len], &signals.dq[joint][..len]);
+                self.drives[e].sense_dead_time(u, dq, back_emf.per_speed(theta), self.sizes[joint]);
+            }
         }
     }
 
@@ -443,7 +442,7 @@ impl SuspectColumns {
         put(own + RESONANCE, moments[2]);
         put(own + OFFSET, -scale); // ∫ψ = 1
         let [friction, slow_friction] = &self.frictions[e];
-        let [dead_band, spring] = &self.drives[e];
+        let DriveShapes { dead_band, spring } = &self.drives[e];
         let shapes = [
             (FRICTION, friction),
             (SLOW_FRICTION, slow_friction),

@@ -36,13 +36,7 @@ pub(super) const VISCOUS_BY_DIRECTION: usize = 15;
 /// Friction that grows with the load.
 pub(super) const LOAD_FRICTION: usize = 16;
 /// What has a column only if the model has Coulomb friction, or it would hardly differ from it.
-pub(super) const WITH_COULOMB: [usize; 5] = [
-    SLOW_FRICTION,
-    DEAD_BAND,
-    GAIN_BY_DIRECTION,
-    VISCOUS_BY_DIRECTION,
-    LOAD_FRICTION,
-];
+pub(super) const WITH_COULOMB: [usize; 4] = [SLOW_FRICTION, GAIN_BY_DIRECTION, VISCOUS_BY_DIRECTION, LOAD_FRICTION];
 
 /// Place of an equation's error.
 pub(super) const fn place(equation: usize, index: usize) -> usize {
@@ -100,6 +94,13 @@ impl SuspectPlaces {
             CLOCK => SuspectKind::Clock,
             _ => SuspectKind::Stribeck,
         }
+    }
+
+    /// False for the dead time of a drive whose joint's model has no Coulomb friction: that, or an
+    /// offset, looks the same in most motion and is likelier.
+    pub fn is_named(&self, suspect: usize) -> bool {
+        let jumps = |equation: usize| self.jumps.get(equation).is_none_or(|&jumps| jumps);
+        Self::within(suspect).is_none_or(|(equation, index)| index != DEAD_BAND || jumps(equation))
     }
 
     /// The delay, for a resonance.

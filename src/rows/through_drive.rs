@@ -48,6 +48,13 @@ pub(super) struct BackEmf {
     pub per_friction: f64,
 }
 
+impl BackEmf {
+    /// The back EMF \[unit of the input per rad/s or m/s\] at θ.
+    pub fn per_speed(&self, theta: &[f64]) -> f64 {
+        theta[self.parameter] / self.per_friction
+    }
+}
+
 impl ThroughDrive {
     /// `None` if the equation has no inertia of its joint, or if the model has parameters that are
     /// nothing but both: the inertia, and the friction without an inductance.
@@ -87,6 +94,11 @@ impl ThroughDrive {
     /// `None` if the model lacks it, or has viscous friction of its own.
     pub fn back_emf(&self) -> Option<BackEmf> {
         self.back_emf
+    }
+
+    /// True if the model has a back EMF that viscous friction would be part of.
+    pub fn has_back_emf(&self) -> bool {
+        self.back_emf.is_some()
     }
 
     /// The model's inertia of the joint, in units of the amplitude; 0 before the first block.

@@ -95,7 +95,7 @@ table! {
         offset: f64 = considered.offset, Kind::Real(NOT_NEGATIVE), "",
             "Offset of each recorded input, or constant force, whose model has none, as a share of the same size, and at least of 400 standard deviations of the input's noise";
         dead_band: f64 = considered.dead_band, Kind::Real(NOT_NEGATIVE), "",
-            "Dead band of each drive whose joint's model has Coulomb friction: what it gives less, either sign, as a share of the same size";
+            "Dead band of each drive whose joint's model has Coulomb friction, or dead time if it has back EMF and an inductance: what it gives less, either sign, as a share of the same size";
         spring: f64 = considered.spring, Kind::Real(NOT_NEGATIVE), "",
             "Spring, such as a cable, at each joint whose model has none: its input at the root mean square of the travel, as a share of the same size";
         gain_by_direction: f64 = considered.gain_by_direction, Kind::Real(NOT_NEGATIVE), "",

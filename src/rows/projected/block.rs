@@ -153,7 +153,11 @@ impl Residuals for ProjectedBlock {
     }
 
     fn lags_as(&self, suspect: usize) -> Option<usize> {
-        self.rows.suspects.lags_as(suspect)
+        self.rows.suspects.places.lags_as(suspect)
+    }
+
+    fn is_named(&self, suspect: usize) -> bool {
+        self.rows.suspects.places.is_named(suspect)
     }
 
     fn imitation(&self, suspect: usize) -> Option<&[f64]> {

@@ -7,7 +7,7 @@ use std::cell::Cell;
 use std::path::Path;
 use thetabus::messages::{estimate_flags, signals};
 use thetabus::model::JointSample;
-use thetabus::sim::{MassSchedule, Setpoint};
+use thetabus::sim::{MachineSimulator, MassSchedule, Setpoint, Tone};
 
 #[test]
 fn ident_a_right_model_is_as_soon_and_as_often_usable_as_its_data_allow() {
@@ -148,6 +148,40 @@ fn fault_what_the_model_of_an_axis_lacks_makes_nothing_surely_wrong() {
             nothing_dangerous(&outcome);
             assert!(outcome.use_ok() > 0, "silence is no honesty");
         }
+    }
+}
+
+/// Effect of the dead time of an amplifier, which takes a constant voltage against the current, on
+/// the voltage that an arm needs.
+#[test]
+fn fault_the_dead_time_of_an_amplifier_makes_nothing_surely_wrong() {
+    // Without a column for it, 10 mV made theta_4 wrong by 6 sigma and 8 %.
+    let tone = |frequency_hz: f64, amplitude_rad: f64, phase_rad: f64| Setpoint::Sines {
+        offset_rad: 0.0,
+        tones: vec![Tone {
+            frequency_hz,
+            amplitude_rad,
+            phase_rad,
+        }],
+    };
+    for volts in [0.005, 0.01, 0.02] {
+        let mut config = arm(1, 32.0, MassSchedule::constant(150.0), "rest");
+        config.plant.sim.setpoint = [tone(0.23, 0.7, 0.0), tone(0.315, 0.6, 0.5)];
+        let truth = config.plant.sim.true_parameters(0.0);
+        let back_emf = [truth[4], truth[7]];
+        // an encoder gives no velocities
+        let mut exact = config.plant.sim.clone();
+        exact.sensors.encoder_bits = 0;
+        let mut exact = MachineSimulator::new(&exact).unwrap();
+        let outcome = simulate(&format!("dead time of {volts} V"), &config, |_, s| {
+            let dq = exact.next().unwrap().dq;
+            for joint in 0..2 {
+                let over_resistance = s.input[joint] - back_emf[joint] * dq[joint];
+                s.input[joint] += volts * (over_resistance / 0.05).tanh();
+            }
+        });
+        nothing_dangerous(&outcome);
+        assert!(outcome.use_ok() > 0, "silence is no honesty");
     }
 }
 

@@ -152,7 +152,8 @@ pub enum Word {
     Nothing,
     /// Tell of so many more.
     Tell(u64),
-    /// There is room again: none was dropped for [`TOLD_EVERY`], and all are told.
+    /// There is room again: no message was dropped for [`TOLD_EVERY`], and the log has counted all
+    /// that were.
     Over,
 }
 

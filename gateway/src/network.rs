@@ -262,8 +262,8 @@ pub fn open(args: &NetworkArgs, part: Part, stop: &AtomicBool) -> Result<Option<
     }
 }
 
-/// Whether zenoh takes the configuration where it has nobody to connect to and nowhere to listen: what
-/// it refuses then, it will refuse at each attempt. False if `stop` was set meanwhile.
+/// Whether zenoh accepts the configuration without its endpoints: what it refuses then, it will refuse
+/// at each attempt. False if `stop` was set meanwhile.
 ///
 /// # Errors
 /// zenoh refuses it.

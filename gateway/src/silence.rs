@@ -7,14 +7,14 @@ use std::time::{Duration, Instant};
 /// How long a robot may be silent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Silence {
-    /// So long.
+    /// For less than this time.
     Limit(Duration),
-    /// For ever.
+    /// As long as it likes: its roles are never given back.
     NoLimit,
 }
 
 impl Silence {
-    /// Whether it was silent for that long.
+    /// Whether a robot that was last heard at `heard` has been silent for too long.
     pub fn has_lasted(self, heard: Instant, now: Instant) -> bool {
         match self {
             Self::Limit(limit) => now.duration_since(heard) >= limit,

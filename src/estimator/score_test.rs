@@ -399,6 +399,7 @@ mod tests {
         let suspicion = test.likeliest(|_| None, |_| true).expect("four blocks of one kind");
         assert_eq!(suspicion.suspect, 2);
         assert!((suspicion.amplitude - 2.0).abs() < 0.01 && (suspicion.share - 0.8).abs() < 0.01);
+        assert_eq!(test.likeliest(|_| None, |s| s != 2), None, "only allowed for");
         assert_eq!(test.believed(2), suspicion.amplitude);
         assert_eq!(test.believed(1), 0.0);
     }

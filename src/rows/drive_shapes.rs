@@ -5,8 +5,8 @@
 //! u₀ = u_r/50,   sat: the sign function with a linear middle
 //! ```
 //!
-//! The dead time of an amplifier takes a voltage with the sign of the current, which is that of
-//! u − e q̇ unless the inductance counts.
+//! The dead time of an amplifier takes a constant voltage with the sign of the current. As long as
+//! the voltage across the inductance is small, the current has the sign of u − e q̇.
 
 /// u₀, as a share of the input's size u_r.
 const DEAD: f64 = 0.02;
@@ -19,23 +19,19 @@ pub(super) struct DriveShapes {
 }
 
 impl DriveShapes {
-    /// Prepares the integrands for inputs of this size.
-    pub fn sense(&mut self, u: &[f64], q: &[f64], size: f64) {
-        let shape = self.dead_band.iter_mut().zip(u);
-        shape.for_each(|(shape, u)| *shape = sat(*u, size));
-        let spring = self.spring.iter_mut().zip(q);
-        spring.for_each(|(spring, q)| *spring = *q);
+    /// Prepares the integrand of a spring.
+    pub fn sense_spring(&mut self, q: &[f64]) {
+        let shape = self.spring.iter_mut().zip(q);
+        shape.for_each(|(shape, q)| *shape = *q);
     }
 
-    /// The same for the dead time of a drive with this back EMF \[input per rad/s or m/s\].
-    pub fn sense_dead_time(&mut self, u: &[f64], dq: &[f64], back_emf: f64, size: f64) {
+    /// Prepares the integrand of a dead band, or of a dead time if the drive has back EMF \[input
+    /// per rad/s or m/s\], for inputs of this size.
+    pub fn sense_dead_band(&mut self, u: &[f64], dq: &[f64], back_emf: f64, size: f64) {
+        let dead = (DEAD * size).max(f64::MIN_POSITIVE);
         let shape = self.dead_band.iter_mut().zip(u.iter().zip(dq));
-        shape.for_each(|(shape, (u, dq))| *shape = sat(u - back_emf * dq, size));
+        shape.for_each(|(shape, (u, dq))| *shape = ((u - back_emf * dq) / dead).clamp(-1.0, 1.0));
     }
-}
-
-fn sat(u: f64, size: f64) -> f64 {
-    (u / (DEAD * size).max(f64::MIN_POSITIVE)).clamp(-1.0, 1.0)
 }
 
 #[cfg(test)]
@@ -48,11 +44,13 @@ mod tests {
             dead_band: vec![0.0; 3],
             spring: Vec::new(),
         };
-        shapes.sense(&[4.0, -4.0, 0.1], &[0.0; 3], 10.0);
+        let (u, dq) = ([4.0, -4.0, 0.1], [2.0, -1.0, 0.0]);
+        shapes.sense_dead_band(&u, &dq, 0.0, 10.0);
         assert_eq!(shapes.dead_band, [1.0, -1.0, 0.5]);
-        // 4 V at 2 rad/s with 3 V s/rad drive no current forwards
-        shapes.sense_dead_time(&[4.0, -4.0, 0.1], &[2.0, -1.0, 0.0], 3.0, 10.0);
+        // at 2 rad/s the back EMF of 6 V exceeds the 4 V, so the current is negative
+        shapes.sense_dead_band(&u, &dq, 3.0, 10.0);
         assert_eq!(shapes.dead_band, [-1.0, -1.0, 0.5]);
+        shapes.sense_spring(&[1.0; 3]);
         assert!(shapes.spring.is_empty());
     }
 }

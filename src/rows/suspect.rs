@@ -150,8 +150,9 @@ pub enum SuspectKind {
     Offset,
     /// An encoder off its centre.
     Eccentricity,
-    /// A drive that produces nothing for small inputs, and correspondingly less for others; by the
-    /// sign of its current if the model has back EMF.
+    /// A drive that produces nothing for small inputs, and correspondingly less for others. If the
+    /// model has back EMF and an inductance: an amplifier whose dead time takes a constant voltage
+    /// with the sign of the current.
     DeadBand,
     /// A spring that the model lacks.
     Spring,

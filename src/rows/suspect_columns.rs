@@ -22,20 +22,20 @@
 //! | a clock that runs fast | none: it is a change of the parameters (`tempo.rs`) | share |
 //!
 //! Friction that falls with speed (R. Stribeck 1902), a dead band and what differs by direction
-//! have columns only if the model has Coulomb friction, or they would hardly differ from it. A
-//! spring has one at any joint whose model has none, because a weight and an inertia look like it.
-//! There are two columns of friction that falls with speed, with v_s of 0.2 and of 0.8 times the
-//! root mean square of the velocity in the first block that moves: together they approximate any
-//! v_s between. The standard deviations of friction, dead band, offset and spring are shares of
-//! u_r, the largest root mean square of a block's input so far, so one default fits drives of any
-//! voltage. sat is the sign function with a linear middle. For velocities it is three standard
-//! deviations of their noise wide, because at rest the sign is that of the noise, and for inputs a
-//! fiftieth of u_r. The offset is a share of u_r or of 400 standard deviations of the input's
-//! noise, whichever is larger: the offset of an amplifier or a sensor does not depend on the
-//! motion, and u_r is small in slow motion. A flexible joint has u (1 + s²/ω_a²) = (1 +
-//! s²/ω_r²)·(the rigid terms), so to first order in 1/ω² its rigid model is off by (1/ω_r² −
-//! 1/ω_a²) s² u: the second derivative of the input, for any equation. Its sign depends on the side
-//! of the encoder.
+//! have columns only if the model has Coulomb friction, or they would hardly differ from it. A dead
+//! time has one if the model has back EMF and an inductance. A spring has one at any joint whose
+//! model has none, because a weight and an inertia look like it. There are two columns of friction
+//! that falls with speed, with v_s of 0.2 and of 0.8 times the root mean square of the velocity in
+//! the first block that moves: together they approximate any v_s between. The standard deviations
+//! of friction, dead band, offset and spring are shares of u_r, the largest root mean square of a
+//! block's input so far, so one default fits drives of any voltage. sat is the sign function with a
+//! linear middle. For velocities it is three standard deviations of their noise wide, because at
+//! rest the sign is that of the noise, and for inputs a fiftieth of u_r. The offset is a share of
+//! u_r or of 400 standard deviations of the input's noise, whichever is larger: the offset of an
+//! amplifier or a sensor does not depend on the motion, and u_r is small in slow motion. A flexible
+//! joint has u (1 + s²/ω_a²) = (1 + s²/ω_r²)·(the rigid terms), so to first order in 1/ω² its rigid
+//! model is off by (1/ω_r² − 1/ω_a²) s² u: the second derivative of the input, for any equation.
+//! Its sign depends on the side of the encoder.
 //!
 //! The estimator widens its published covariance by the remaining uncertainty of the errors that
 //! have a prior standard deviation ([`Considered`]), and tests for all of them (`score_test.rs`).
@@ -131,6 +131,7 @@ impl SuspectColumns {
         let through_drives: Vec<Option<ThroughDrive>> =
             (0..equations.len()).map(|e| ThroughDrive::new(plant, e)).collect();
         let passes = |e: usize, is_of: fn(&ThroughDrive) -> bool| through_drives[e].as_ref().is_some_and(is_of);
+        let has_dead_band = |e: usize| jumps[e] || passes(e, ThroughDrive::has_back_emf);
         let turns = considered.eccentricity_rad.is_some();
         // one encoder per joint, whatever its number of equations
         let first_of = |of: usize| !inputs[..of].contains(&inputs[of]);
@@ -143,7 +144,7 @@ impl SuspectColumns {
                 SPRING => of == e && !springs[e],
                 INERTIA => of == e && passes(e, ThroughDrive::has_inertia),
                 VISCOUS => of == e && passes(e, ThroughDrive::has_friction),
-                DEAD_BAND => of == e && (jumps[e] || passes(e, ThroughDrive::has_back_emf)),
+                DEAD_BAND => of == e && has_dead_band(e),
                 _ if WITH_COULOMB.contains(&index) => of == e && jumps[e],
                 CLOCK => false,
                 SCALE => moves(e, inputs[of]) && first_of(of),
@@ -173,7 +174,7 @@ impl SuspectColumns {
             fastest: vec![0.0; jumps.len()],
             drives: (0..equations.len())
                 .map(|e| DriveShapes {
-                    dead_band: room(jumps[e] || passes(e, ThroughDrive::has_back_emf)),
+                    dead_band: room(has_dead_band(e)),
                     spring: room(!springs[e]),
                 })
                 .collect(),
@@ -388,11 +389,10 @@ impl SuspectColumns {
             }
         }
         for (e, &joint) in self.places.inputs.iter().enumerate() {
-            let (u, q) = (&signals.u[joint][..len], &signals.q[joint][..len]);
-            self.drives[e].sense(u, q, self.sizes[joint]);
             let (dq, q_std) = (&signals.dq[joint][..len], &q_std[joint][..len]);
+            self.drives[e].sense_spring(&signals.q[joint][..len]);
             let standing = STANDING * self.velocity_gain;
-            self.by_direction[e].sense(u, dq, (q_std, standing));
+            self.by_direction[e].sense(&signals.u[joint][..len], dq, (q_std, standing));
             let speed = &mut self.speeds[e];
             let (own, noise) = (root_mean_square(dq), self.velocity_gain * root_mean_square(q_std));
             if own > MOVING * noise {
@@ -415,16 +415,16 @@ impl SuspectColumns {
         }
     }
 
-    /// Prepares the columns of inertias and viscous friction for the same samples, at θ.
-    pub fn sense_through_drives(&mut self, len: usize, signals: &Trajectory, plant: &dyn AnyPlant, theta: &[f64]) {
-        for (e, own) in self.through_drives.iter_mut().enumerate() {
-            let Some(own) = own else { continue };
-            own.sense(plant, theta, &signals.q, len);
-            if let Some(back_emf) = own.back_emf() {
-                let joint = self.places.inputs[e];
-                let (u, dq) = (&signals.u[joint][..len], &signals.dq[joint][..len]);
-                self.drives[e].sense_dead_time(u, dq, back_emf.per_speed(theta), self.sizes[joint]);
-            }
+    /// Prepares the columns of what drives pass on or lose, for the same samples, at θ.
+    pub fn sense_drives(&mut self, len: usize, signals: &Trajectory, plant: &dyn AnyPlant, theta: &[f64]) {
+        for (e, &joint) in self.places.inputs.iter().enumerate() {
+            let back_emf = self.through_drives[e].as_mut().and_then(|own| {
+                own.sense(plant, theta, &signals.q, len);
+                own.back_emf()
+            });
+            let back_emf = back_emf.map_or(0.0, |own| own.per_speed(theta));
+            let (u, dq) = (&signals.u[joint][..len], &signals.dq[joint][..len]);
+            self.drives[e].sense_dead_band(u, dq, back_emf, self.sizes[joint]);
         }
     }
 

@@ -5,9 +5,18 @@ use std::time::{Duration, Instant};
 use thetabus::bus::{Bus, BusError, ControlServer, Role, RoleLock, SampleSubscriber, Subscriber};
 use thetabus::messages::{Description, Estimate};
 
-/// What the gateways here are told, and longer than that.
+/// How long a robot may be silent in these tests, and a time that is longer.
 const LIMIT: [&str; 2] = ["--give-back-after", "2"];
 const LONGER: Duration = Duration::from_secs(4);
+
+/// Gateways of both ends, with these arguments, connected to each other.
+fn both_ends(site: &Site, more: &[&str]) -> (Process, Process) {
+    let at = endpoint();
+    let out = site.out(&[&["--listen", &at], more].concat());
+    let inward = site.inward(&[&["--connect", &at], more, &LIMIT[..]].concat());
+    out.says("carries out");
+    (out, inward)
+}
 
 fn role(site: &Site, role: Role) -> Result<RoleLock, BusError> {
     RoleLock::acquire(&site.far, "arm", role)
@@ -91,10 +100,7 @@ fn fault_a_robot_whose_host_is_gone_gives_its_roles_back_and_takes_them_again() 
 fn fault_a_route_that_returns_with_the_same_gateway_brings_everything_once_more() {
     let site = Site::new();
     let mut machine = Machine::new(&site.near);
-    let at = endpoint();
-    let out = site.out(&["--listen", &at]);
-    let inward = site.inward(&[&["--connect", &at], &LIMIT[..]].concat());
-    out.says("carries out");
+    let (_out, inward) = both_ends(&site, &[]);
     let bus = Bus::join(&site.far, "arm", "reader").expect("joined");
     let mut estimates = Subscriber::<Estimate>::new(&bus).expect("subscribed");
     machine.estimates.send(&estimate(1)).expect("sent");
@@ -118,10 +124,7 @@ fn fault_a_route_that_returns_with_the_same_gateway_brings_everything_once_more(
 fn fault_a_plant_whose_samples_stop_gives_its_role_back_and_the_identifier_stays() {
     let site = Site::new();
     let mut machine = Machine::new(&site.near).with_samples();
-    let at = endpoint();
-    let out = site.out(&["--listen", &at, "--samples"]);
-    let inward = site.inward(&[&["--connect", &at, "--samples"], &LIMIT[..]].concat());
-    out.says("carries out");
+    let (_out, inward) = both_ends(&site, &["--samples"]);
     let mut seq = 0;
     let mut samples_until = |machine: &mut Machine, what: &str, is_done: &mut dyn FnMut() -> bool| {
         eventually(what, || {
@@ -156,10 +159,7 @@ fn fault_a_plant_whose_samples_stop_gives_its_role_back_and_the_identifier_stays
 fn fault_a_gateway_that_stood_still_itself_keeps_the_roles() {
     let site = Site::new();
     let mut machine = Machine::new(&site.near);
-    let at = endpoint();
-    let out = site.out(&["--listen", &at]);
-    let inward = site.inward(&[&["--connect", &at], &LIMIT[..]].concat());
-    out.says("carries out");
+    let (_out, inward) = both_ends(&site, &[]);
     let bus = Bus::join(&site.far, "arm", "reader").expect("joined");
     let mut descriptions = Subscriber::<Description>::new(&bus).expect("subscribed");
     machine.until(&mut descriptions, "the description", |_| true);

@@ -197,7 +197,7 @@ impl Projection {
         self.suspects
             .sense(block.samples.len, signals, &block.noise.q_std, noise);
         self.suspects
-            .sense_through_drives(block.samples.len, signals, &*block.form.plant, &self.theta);
+            .sense_drives(block.samples.len, signals, &*block.form.plant, &self.theta);
         for e in 0..block.form.equations() {
             let scale = block.form.input(e).1;
             for (row, window) in block.samples.windows.all().iter().enumerate() {

@@ -27,10 +27,10 @@ import sys
 SLACK = 0.05
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 STORED = ROOT / "benches" / "instructions.csv"
-# Few features, because no program is built with them, and always the same, because what a crate contains changes how its
-# functions are inlined.
+# The default features, because the gate has built the library with them, and always the same, because what a crate contains
+# changes how its functions are inlined.
 BUILD = [
-    *"cargo build --release --locked --no-default-features --features recording,robot,sim --bench instructions".split(),
+    *"cargo build --release --locked --bench instructions".split(),
     "--message-format=json-render-diagnostics",
 ]
 PLAIN = "glibc.cpu.hwcaps=-AVX,-AVX2,-AVX512F,-AVX512VL,-BMI1,-BMI2,-ERMS,-FMA,-FMA4,-FSRM,-LZCNT,-RTM"

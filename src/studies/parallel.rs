@@ -1,30 +1,24 @@
 //! Independent runs on two threads; results in order, so that tables do not depend on timing.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::mpsc;
 
 const THREADS: usize = 2;
 
 /// `work(0)`, `work(1)` … `work(count - 1)`, in this order.
 pub fn for_each_index<T: Send>(count: usize, work: impl Fn(usize) -> T + Sync) -> Vec<T> {
     let next = AtomicUsize::new(0);
-    let (sender, receiver) = mpsc::channel();
-    std::thread::scope(|scope| {
-        for _ in 0..THREADS.min(count) {
-            let (sender, next, work) = (sender.clone(), &next, &work);
-            scope.spawn(move || {
-                loop {
-                    let index = next.fetch_add(1, Ordering::Relaxed);
-                    // The receiver outlives the scope, so sending cannot fail.
-                    if index >= count || sender.send((index, work(index))).is_err() {
-                        break;
-                    }
-                }
-            });
-        }
+    let take_turns = || {
+        let indices = std::iter::repeat_with(|| next.fetch_add(1, Ordering::Relaxed));
+        let own = indices.take_while(|&index| index < count);
+        own.map(|index| (index, work(index))).collect::<Vec<_>>()
+    };
+    let mut results = std::thread::scope(|scope| {
+        let threads: Vec<_> = (0..THREADS.min(count)).map(|_| scope.spawn(take_turns)).collect();
+        let joined = threads.into_iter().map(|thread| thread.join());
+        joined
+            .flat_map(|own| own.unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
+            .collect::<Vec<_>>()
     });
-    drop(sender);
-    let mut results: Vec<(usize, T)> = receiver.into_iter().collect();
     results.sort_by_key(|&(index, _)| index);
     results.into_iter().map(|(_, result)| result).collect()
 }

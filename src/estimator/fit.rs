@@ -104,37 +104,39 @@ impl GroupState {
                 break;
             }
             fit.iterations += 1;
-            let slack = self.rounding();
-            let mut fraction = 1.0;
-            let mut accepted = false;
-            for _ in 0..HALVINGS {
-                let step = |i: usize| fraction * self.step.delta()[i];
-                let clamp = |i: usize, value: f64| value.clamp(self.lower[i], self.upper[i]);
-                let own = &mut theta[self.parameters.clone()];
-                self.curvature.step(&self.room.scale, step, clamp, own);
-                if self.try_at(rows, range.clone(), theta) {
-                    let candidate = self.cost(&self.trial, theta);
-                    if candidate <= cost + slack {
-                        cost = candidate;
-                        accepted = true;
-                        std::mem::swap(&mut self.at, &mut self.trial);
-                        break;
-                    }
-                }
-                fraction *= 0.5;
-            }
-            if !accepted {
-                // no descent beyond rounding
-                theta[self.parameters.clone()].copy_from_slice(&self.room.scale);
-                if !closed {
-                    closed = true;
-                    continue;
-                }
+            if let Some(lower) = self.descend(rows, range.clone(), theta, cost) {
+                cost = lower;
+            } else if closed {
                 fit.converged = true;
                 break;
+            } else {
+                closed = true;
             }
         }
         fit
+    }
+
+    /// Takes the step, halved until the cost is no higher than `cost`; returns the new cost. `None`
+    /// if only rounding is left to gain: then θ keeps its value.
+    fn descend(&mut self, rows: &dyn Summable, range: Range<usize>, theta: &mut [f64], cost: f64) -> Option<f64> {
+        let slack = self.rounding();
+        let mut fraction = 1.0;
+        for _ in 0..HALVINGS {
+            let step = |i: usize| fraction * self.step.delta()[i];
+            let clamp = |i: usize, value: f64| value.clamp(self.lower[i], self.upper[i]);
+            let own = &mut theta[self.parameters.clone()];
+            self.curvature.step(&self.room.scale, step, clamp, own);
+            if self.try_at(rows, range.clone(), theta) {
+                let candidate = self.cost(&self.trial, theta);
+                if candidate <= cost + slack {
+                    std::mem::swap(&mut self.at, &mut self.trial);
+                    return Some(candidate);
+                }
+            }
+            fraction *= 0.5;
+        }
+        theta[self.parameters.clone()].copy_from_slice(&self.room.scale);
+        None
     }
 
     /// Writes the quadratic model of the prior at θ: Tᵀ Λ T to `total`, −Tᵀ Λ d to `gradient`; see

@@ -88,8 +88,7 @@ pub fn batch_least_squares<R: Residuals>(
             .all(|(d, t)| d.abs() <= 1e-12 * t.abs());
         if small || report.iterations == max_iterations {
             report.converged = small;
-            let dof = stack.rows.saturating_sub(solution.rank).max(1) as f64;
-            report.theta_std = solution.unit_variance.iter().map(|v| (v * cost / dof).sqrt()).collect();
+            report.theta_std = solution.standard_deviations(cost, stack.rows);
             break;
         }
         report.iterations += 1;
@@ -112,9 +111,7 @@ pub fn batch_least_squares<R: Residuals>(
             // only rounding is left: keep the best
             theta = start;
             cost = stack.fill(structure, rows, &theta);
-            let solution = stack.solve();
-            let dof = stack.rows.saturating_sub(solution.rank).max(1) as f64;
-            report.theta_std = solution.unit_variance.iter().map(|v| (v * cost / dof).sqrt()).collect();
+            report.theta_std = stack.solve().standard_deviations(cost, stack.rows);
             report.converged = true;
             break;
         }
@@ -128,10 +125,21 @@ pub fn batch_least_squares<R: Residuals>(
     Ok(report)
 }
 
+/// The solution of one linear problem.
 struct Solution {
+    /// δ.
     step: Vec<f64>,
+    /// Variance of each parameter for residuals of variance 1.
     unit_variance: Vec<f64>,
     rank: usize,
+}
+
+impl Solution {
+    /// Of the parameters, with the variance of the residuals from their sum of squares `cost`.
+    fn standard_deviations(&self, cost: f64, rows: usize) -> Vec<f64> {
+        let freedom = rows.saturating_sub(self.rank).max(1) as f64;
+        self.unit_variance.iter().map(|v| (v * cost / freedom).sqrt()).collect()
+    }
 }
 
 /// Φ and f: one row per residual, one column per parameter.
@@ -176,7 +184,7 @@ impl Stack {
         let p = self.regressors.ncols();
         let mut step = vec![0.0; p];
         let mut unit_variance = vec![f64::INFINITY; p];
-        // Columns of length 1, so that the diagonal of R compares parameters on equal terms.
+        // columns of length 1, so that the diagonal of R compares parameters on equal terms.
         let mut scaled = self.regressors.clone();
         let scale: Vec<f64> = scaled.column_iter().map(|c| c.norm()).collect();
         for (mut column, &s) in scaled.column_iter_mut().zip(&scale) {
@@ -202,7 +210,7 @@ impl Stack {
         let rank = (0..r.nrows())
             .take_while(|&k| r[(k, k)].abs() > RANK_TOLERANCE * first)
             .count();
-        // Basic solution R₁₁ x = (Qᵀf)₁, the diagonal of (R₁₁ᵀR₁₁)⁻¹, and how the other columns
+        // basic solution R₁₁ x = (Qᵀf)₁, the diagonal of (R₁₁ᵀR₁₁)⁻¹, and how the other columns
         // depend on the first ones.
         let r11 = r.view((0, 0), (rank, rank));
         let solve = |rhs: DMatrix<f64>| r11.solve_upper_triangular(&rhs).unwrap_or(rhs);
@@ -212,7 +220,7 @@ impl Stack {
         for i in 0..rank {
             let parameter = order[i];
             step[parameter] = x[(i, 0)] / scale[parameter];
-            // Determined only if no undetermined column is a combination that includes it.
+            // determined only if no undetermined column is a combination that includes it.
             if dependence.row(i).iter().all(|c| c.abs() <= 1e-8) {
                 unit_variance[parameter] = inverse.row(i).norm_squared() / scale[parameter].powi(2);
             }

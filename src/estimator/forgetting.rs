@@ -91,19 +91,21 @@ impl Excitation {
                 self.shares[i] += self.eigen.vectors[i * n + k].powi(2) * value / (1.0 + value);
             }
         }
-        // strong directions first
-        for (above, upto) in [(Self::STRONG, f64::INFINITY), (1.0, Self::STRONG)] {
-            for k in 0..n {
-                let value = self.eigen.values[k];
-                if value > above && value <= upto && value > threshold {
-                    for i in 0..n {
-                        self.directions[i * n + self.rank] = self.eigen.vectors[i * n + k];
-                    }
-                    self.rank += 1;
+        self.add_directions(Self::STRONG.max(threshold), f64::INFINITY);
+        self.strong = self.rank;
+        self.add_directions(threshold.max(1.0), Self::STRONG);
+    }
+
+    /// Adds the directions with an eigenvalue above `above` and up to `up_to`.
+    fn add_directions(&mut self, above: f64, up_to: f64) {
+        let n = self.n;
+        for k in 0..n {
+            let value = self.eigen.values[k];
+            if value > above && value <= up_to {
+                for i in 0..n {
+                    self.directions[i * n + self.rank] = self.eigen.vectors[i * n + k];
                 }
-            }
-            if upto == f64::INFINITY {
-                self.strong = self.rank;
+                self.rank += 1;
             }
         }
     }

@@ -221,7 +221,8 @@ impl GroupState {
         finite
     }
 
-    /// After [`look`](Self::look): noise level, excitation, and the prior Λ, θ̄.
+    /// Noise level, excitation, and the prior Λ, θ̄; after
+    /// [`compute_innovation`](Self::compute_innovation).
     pub fn begin(&mut self, rows: &dyn Summable, theta: &[f64], options: &EstimatorOptions) {
         self.set_variances(options);
         self.limit_outliers(rows, 0..rows.len(), theta, true, options);

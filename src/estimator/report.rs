@@ -153,7 +153,7 @@ pub struct Report {
 }
 
 impl Report {
-    /// Only the start values are known.
+    /// Before the first block only the start values are known.
     pub(super) fn new(structure: &Structure, options: &EstimatorOptions) -> Self {
         let (params, equations) = (structure.params, structure.equations.len());
         Self {
@@ -164,30 +164,14 @@ impl Report {
             noise_std: vec![0.0; equations],
             signal_rms: vec![0.0; equations],
             excitation: vec![0.0; params],
-            excited: 0,
-            usable: 0,
             fit: vec![1.0; equations],
             fit_probability: 1.0,
-            misfit: 0,
             explained: vec![0.0; equations],
-            pressed: 0,
-            informed: false,
             uninformed: u64::MAX,
-            fixed: 0,
-            blocks: 0,
-            rows: 0,
-            rank: 0,
-            iterations: 0,
             converged: true,
-            outliers: 0,
             condition: 1.0,
             change_probability: 1.0,
-            change: None,
-            suspicion: None,
-            limited: None,
-            unclear: false,
-            fault: None,
-            held: None,
+            ..Self::default()
         }
     }
 

@@ -323,7 +323,7 @@ impl GroupState {
 
     /// Adds to `costs`[k] the least cost, in units of the noise, of the rows before boundary k
     /// (`after` false) or from it on (`after` true), with the present prior and linearised at
-    /// `theta`.
+    /// `theta`. The sums grow from boundary to boundary, from the side of the block that they hold.
     pub fn segment_costs(
         &mut self,
         rows: &dyn Summable,
@@ -340,18 +340,12 @@ impl GroupState {
         let mut reached = if after { whole.end } else { whole.start };
         for step in 0..boundaries.len() {
             let k = if after { boundaries.len() - 1 - step } else { step };
-            let (part, next) = if after {
-                (
-                    boundaries[k].after.min(reached)..reached,
-                    boundaries[k].after.min(reached),
-                )
+            let part = if after {
+                boundaries[k].after.min(reached)..reached
             } else {
-                (
-                    reached..boundaries[k].before.max(reached),
-                    boundaries[k].before.max(reached),
-                )
+                reached..boundaries[k].before.max(reached)
             };
-            reached = next;
+            reached = if after { part.start } else { part.end };
             if !part.is_empty() {
                 for (e, sums) in self.equations.iter().zip(&mut self.trial) {
                     let weight = variance / e.variance.max(TINY);
@@ -366,6 +360,7 @@ impl GroupState {
                     add_gram(n, e, sums, weight, &mut self.room.total);
                 }
             }
+            // least = total − gᵀ A⁻¹ g; `offset` becomes A⁻¹ g and `scale` holds g
             let mut least = total;
             let room = &mut self.room;
             let count = gather(n, &room.total, &self.fixed, &mut room.a);
@@ -420,9 +415,9 @@ impl Boundary {
     }
 }
 
-// Residual variance of one equation if it were fitted alone: cost over degrees of freedom. If the
-// block does not inform on every direction, its sums are singular, and the others are fitted.
-// Leaves the step to that fit in `vector`.
+/// Residual variance of one equation if it were fitted alone: cost over degrees of freedom. If the
+/// block does not inform on every direction, its sums are singular, and the others are fitted.
+/// Leaves the step to that fit in `vector`.
 fn own_variance(sums: &Sums, factor: &mut Cholesky, matrix: &mut [f64], vector: &mut [f64]) -> f64 {
     let p = sums.params;
     let freedom = sums.rows as f64 - p as f64;

@@ -123,13 +123,12 @@ impl ChangeSearch<'_> {
     /// True if rows whose fit is θ̂ differ from before. Those after a change do so more clearly than
     /// the whole block, whose residuals are large.
     fn shows_in(&mut self, joined: u64, range: &Range<usize>) -> bool {
-        self.groups.iter_mut().enumerate().any(|(k, group)| {
-            joined >> k & 1 == 1 && {
-                group.set_losses(false, self.options);
-                group.suspect(self.rows, range.clone(), self.theta);
-                !group.evaluate_at(self.rows, range.clone(), self.theta)
-                    || group.change_probability(self.rows, self.theta) < JOINS
-            }
+        let groups = self.groups.iter_mut().enumerate();
+        groups.filter(|(k, _)| joined >> k & 1 == 1).any(|(_, group)| {
+            group.set_losses(false, self.options);
+            group.suspect(self.rows, range.clone(), self.theta);
+            !group.evaluate_at(self.rows, range.clone(), self.theta)
+                || group.change_probability(self.rows, self.theta) < JOINS
         })
     }
 
@@ -274,9 +273,7 @@ impl ChangeSearch<'_> {
         let from = match change.kind {
             ChangeKind::Within => {
                 let usable = change.time.saturating_add(margin);
-                (change.row..rows.len())
-                    .find(|&row| rows.span(row).0 >= usable)
-                    .unwrap_or(rows.len())
+                first_from(rows, change.row..rows.len(), usable).unwrap_or(rows.len())
             }
             ChangeKind::Between | ChangeKind::Drift => 0,
         };
@@ -320,8 +317,10 @@ impl ChangeSearch<'_> {
 /// if there is none.
 fn first_after(rows: &dyn Summable, range: Range<usize>, margin: u64) -> usize {
     let usable = rows.span(range.start).0.saturating_add(margin);
-    range
-        .clone()
-        .find(|&row| rows.span(row).0 >= usable)
-        .unwrap_or(range.start)
+    first_from(rows, range.clone(), usable).unwrap_or(range.start)
+}
+
+/// The first row of `range` that begins at `time` or later.
+fn first_from(rows: &dyn Summable, mut range: Range<usize>, time: u64) -> Option<usize> {
+    range.find(|&row| rows.span(row).0 >= time)
 }

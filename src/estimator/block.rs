@@ -312,9 +312,9 @@ impl BlockEstimator {
             }
         }
         // the sums of a single step are taken at θ̄
-        let before = self.options.max_iterations == 1 && self.report.change.is_none();
-        self.judge_fit(rows, lines, before);
-        self.conclude(rows, lines, before);
+        let single = self.options.max_iterations == 1 && self.report.change.is_none();
+        self.judge_fit(rows, lines, single);
+        self.conclude(rows, lines, single);
         self.describe();
         &self.report
     }
@@ -381,8 +381,8 @@ impl BlockEstimator {
         self.groups.doubt(&self.theta);
     }
 
-    /// Updates information, noise and evidence of each group; `before`: the sums were taken at θ̄.
-    fn conclude(&mut self, rows: &dyn Summable, lines: u64, before: bool) {
+    /// Updates information, noise and evidence of each group; `single`: the sums were taken at θ̄.
+    fn conclude(&mut self, rows: &dyn Summable, lines: u64, single: bool) {
         let end_ns = rows.span(rows.len() - 1).1;
         let changed = self.report.change.is_some();
         self.score_test.begin();
@@ -405,10 +405,10 @@ impl BlockEstimator {
                 group.suspect(rows, self.used.clone(), &self.theta);
             }
             // the sums of a single step are at θ̄ (9), but the evidence needs the residual after it
-            let stepped = before && group.try_at(rows, 0..rows.len(), &self.theta);
+            let stepped = single && group.try_at(rows, 0..rows.len(), &self.theta);
             group.conclude(&self.theta, stepped, end_ns, &self.options);
             if fits {
-                let at = if before { &self.before[own] } else { &self.theta[own] };
+                let at = if single { &self.before[own] } else { &self.theta[own] };
                 let (equations, lambda) = (&group.equations, self.options.forgetting_factor);
                 group.confirmation.take(equations, &group.at, Some(at), lambda);
             }
@@ -439,9 +439,9 @@ impl BlockEstimator {
         self.groups.begin(&self.theta);
     }
 
-    /// Judges how well the block fits at θ̂, see `fit_statistic.rs` and `evidence.rs`; `before`:
+    /// Judges how well the block fits at θ̂, see `fit_statistic.rs` and `evidence.rs`; `single`:
     /// the sums were taken at θ̄.
-    fn judge_fit(&mut self, rows: &dyn Summable, lines: u64, before: bool) {
+    fn judge_fit(&mut self, rows: &dyn Summable, lines: u64, single: bool) {
         let mut whole = BlockFit::default();
         for (k, group) in self.groups.iter_mut().enumerate() {
             let line = lines >> k & 1 == 1;
@@ -466,7 +466,7 @@ impl BlockEstimator {
                 let sensors = rows.sensor_variance(e.index).map(|v| v / (e.divisor * e.divisor));
                 self.explained[e.index].take(&fit, level, sensors);
             }
-            let linearised = if before { &self.before } else { &self.theta };
+            let linearised = if single { &self.before } else { &self.theta };
             let pressed = match line {
                 true => group.line_is_pressed(),
                 false => group.is_pressed(&self.theta, linearised),

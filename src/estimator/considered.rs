@@ -43,7 +43,7 @@
 //! blocks.
 
 use super::curvature::Curvature;
-use super::equation::EquationState;
+use super::equation::{EquationState, TINY};
 use super::linalg::{Cholesky, dot};
 use super::line::LineFit;
 use super::pass::{Summable, Sums};
@@ -421,7 +421,7 @@ impl Considered {
             }
             // the slopes of a line contain the drifts
             for e in equations.iter().filter(|_| s < self.known) {
-                let weight = 1.0 / (e.divisor * e.divisor * e.variance.max(super::equation::TINY));
+                let weight = 1.0 / (e.divisor * e.divisor * e.variance.max(TINY));
                 for index in 0..rows.len() {
                     rows.suspect_row(e.index, index, &mut self.columns[..self.known]);
                     let d = self.columns[s];

@@ -12,7 +12,7 @@
 //! If H is singular (neither data nor prior inform on some parameter or combination), the step of
 //! least length in the scaled columns is taken: parameters without information do not move.
 
-use super::linalg::{Cholesky, Eigen, RANK_TOLERANCE};
+use super::linalg::{Cholesky, Eigen, RANK_TOLERANCE, dot};
 
 /// Workspace of the constrained step.
 #[derive(Debug, Clone)]
@@ -108,10 +108,10 @@ impl ConstrainedStep {
         }
     }
 
-    // −∂cost/∂δ_i
+    /// −∂cost/∂δ_i.
     fn slope(&self, h: &[f64], g: &[f64], i: usize) -> f64 {
         let n = g.len();
-        g[i] - super::linalg::dot(&h[i * n..(i + 1) * n], &self.delta)
+        g[i] - dot(&h[i * n..(i + 1) * n], &self.delta)
     }
 
     fn rhs_of(&self, parameter: usize) -> f64 {
@@ -121,7 +121,7 @@ impl ConstrainedStep {
             .map_or(0.0, |k| self.rhs[k])
     }
 
-    // rhs ← H_FF⁻¹ (g − H δ)_F
+    /// rhs ← H_FF⁻¹ (g − H δ)_F, F the free parameters.
     fn solve_free(&mut self, h: &[f64], g: &[f64]) {
         let n = g.len();
         self.index.clear();

@@ -292,7 +292,7 @@ impl Curvature {
         }
     }
 
-    // Tᵀ M T for a T with `lean` and `scale` in row b
+    /// Tᵀ M T for a T with `lean` and `scale` in row b.
     fn combine(&self, matrix: &mut [f64], curved: &Curved, lean: f64, scale: f64) {
         let (n, a, b) = (self.size, curved.partner, curved.own);
         for k in 0..n {
@@ -306,7 +306,7 @@ impl Curvature {
         self.mirror(matrix, a);
     }
 
-    // makes row i equal to column i, so that the matrix is symmetric to the last bit
+    /// Makes row i equal to column i, so that the matrix is symmetric to the last bit.
     fn mirror(&self, matrix: &mut [f64], i: usize) {
         let n = self.size;
         (0..n).for_each(|k| matrix[i * n + k] = matrix[k * n + i]);

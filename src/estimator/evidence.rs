@@ -70,6 +70,7 @@ impl GroupState {
             value < self.lower[i] - room_for_chance || value > self.upper[i] + room_for_chance
         })
     }
+
     /// The same for a block that a line was fitted to, without bounds: true if it ends beyond one.
     pub fn line_is_pressed(&self) -> bool {
         (0..self.n).filter(|&i| !self.fixed[i]).any(|i| {

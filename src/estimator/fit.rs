@@ -156,7 +156,7 @@ impl GroupState {
         self.curvature.add_holding(own, &mut room.total, &mut room.gradient);
     }
 
-    // the quadratic model at θ: Tᵀ Λ T + S and g − Tᵀ Λ d; θ itself goes to `scale`
+    /// The quadratic model at θ: Tᵀ Λ T + S and g − Tᵀ Λ d; θ itself goes to `scale`.
     fn model(&mut self, theta: &[f64]) {
         let n = self.n;
         self.expand_prior(theta);
@@ -166,8 +166,8 @@ impl GroupState {
         add_scores(&self.equations, &self.at, &mut room.gradient);
     }
 
-    // true if the step is small relative to every parameter, or to the standard deviation of the
-    // estimate
+    /// True if the step is small relative to every parameter, or to the standard deviation of the
+    /// estimate.
     fn is_small(&self, theta: &[f64]) -> bool {
         let delta = self.step.delta();
         let own = &theta[self.parameters.clone()];
@@ -175,12 +175,12 @@ impl GroupState {
         relative || self.decrement() <= 1e-8 * self.variance()
     }
 
-    // δᵀ(g − …) is the squared length of the step in standard deviations, times σ²
+    /// δᵀ(g − …), the squared length of the step in standard deviations, times σ².
     fn decrement(&self) -> f64 {
         dot(self.step.delta(), &self.room.gradient)
     }
 
-    // change of the cost by rounding alone: about fifty rounding units per residual
+    /// Change of the cost by rounding alone: about fifty rounding units per residual.
     fn rounding(&self) -> f64 {
         self.at.iter().map(|s| 1e-28 * s.size).sum()
     }
@@ -200,7 +200,7 @@ impl GroupState {
             + self.curvature.holding_cost(own)
     }
 
-    // the box of a step from the point in `scale`
+    /// The box of a step from the point in `scale`.
     fn set_box(&mut self, factor: f64) {
         for i in 0..self.n {
             let (from, lower, upper) = (self.room.scale[i], self.lower[i], self.upper[i]);

@@ -183,8 +183,8 @@ impl Rule {
         }
     }
 
-    // With Γ⁻¹ = L Lᵀ and Q the projector on the range of LᵀU the rule reads Λ = λ Γ⁻¹ + (1 − λ) L
-    // (I − Q) Lᵀ: a sum of two positive semidefinite matrices instead of a difference.
+    /// With Γ⁻¹ = L Lᵀ and Q the projector on the range of LᵀU the rule reads Λ = λ Γ⁻¹ + (1 − λ) L
+    /// (I − Q) Lᵀ: a sum of two positive semidefinite matrices instead of a difference.
     fn forget_directions(&mut self, n: usize, excitation: &Excitation, prior: &mut [f64]) {
         let lambda = self.lambda;
         let lower = &mut self.work[..n * n];
@@ -248,7 +248,7 @@ impl Rule {
     }
 }
 
-// x ← x − Σ (qᵀx) q over the orthonormal rows of `basis`
+/// x ← x − Σ (qᵀx) q over the orthonormal rows of `basis`.
 fn remove(basis: &[f64], x: &mut [f64]) {
     for q in basis.chunks_exact(x.len()) {
         let c = dot(q, x);
@@ -256,7 +256,8 @@ fn remove(basis: &[f64], x: &mut [f64]) {
     }
 }
 
-// Lower Cholesky factor of a positive definite matrix, zero above the diagonal.
+/// Lower Cholesky factor of a positive definite matrix, zero above the diagonal; without the column
+/// scaling of `linalg.rs`.
 fn plain_cholesky(n: usize, a: &[f64], lower: &mut [f64]) -> bool {
     lower.fill(0.0);
     for i in 0..n {

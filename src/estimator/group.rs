@@ -354,7 +354,7 @@ impl GroupState {
         self.excite(theta);
     }
 
-    // K: the inverse of the information over the parameters that are not fixed
+    /// K: the inverse of the information over the parameters that are not fixed.
     fn invert_free(&mut self) {
         let n = self.n;
         let room = &mut self.room;
@@ -401,7 +401,7 @@ impl GroupState {
         self.total_covariance();
     }
 
-    // noise variances for this block's decisions
+    /// Noise variances for this block's decisions.
     fn set_variances(&mut self, options: &EstimatorOptions) {
         for (e, sums) in self.equations.iter_mut().zip(&self.at) {
             e.set_variance(sums, options);

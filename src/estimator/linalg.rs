@@ -10,7 +10,7 @@
 /// stays below it.
 pub const RANK_TOLERANCE: f64 = 1e-13;
 
-/// a ← xᵀ y.
+/// xᵀ y.
 pub fn dot(x: &[f64], y: &[f64]) -> f64 {
     x.iter().zip(y).map(|(a, b)| a * b).sum()
 }
@@ -73,8 +73,8 @@ impl Congruence {
         }
     }
 
-    // G of S = G Gᵀ: Cholesky's method with column scaling and complete pivoting, which ends when
-    // only rounding is left
+    /// G of S = G Gᵀ: Cholesky's method with column scaling and complete pivoting, which ends when
+    /// only rounding is left. Returns the number of its columns.
     fn split(&mut self, n: usize, s: &[f64]) -> usize {
         for i in 0..n {
             self.scale[i] = s[i * n + i].max(0.0).sqrt();

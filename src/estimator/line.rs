@@ -133,7 +133,7 @@ impl LineFit {
         None
     }
 
-    // sums over the rows: the outer products of (φ, s φ), these times f, and f²
+    /// Sums over the rows: the outer products of (φ, s φ), these times f, and f².
     fn sums(&mut self, rows: &dyn Summable, equations: &[EquationState], first: usize) -> f64 {
         let (n, m) = (self.n, 2 * self.n);
         let length = rows.len().max(2) as f64 - 1.0;
@@ -188,7 +188,7 @@ impl LineFit {
         total
     }
 
-    // the start of the line is c − v/2; returns the cost of the prior
+    /// The start of the line is c − v/2; returns the cost of the prior.
     fn add_prior(&mut self, prior: LinePrior<'_>, fixed: &[bool]) -> f64 {
         let (n, m) = (self.n, 2 * self.n);
         for i in 0..n {

@@ -82,6 +82,7 @@ pub struct StateMachine {
 }
 
 impl StateMachine {
+    // the numbers of the table at the top of this file
     const NOISE: f64 = 1.5;
     const SIGNAL: f64 = 0.02;
     const LEAVE_NOISE: f64 = 3.0;

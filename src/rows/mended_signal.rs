@@ -76,20 +76,26 @@ impl MendedSignal {
             return;
         }
         let degree = around.degree(5);
+        let missed = self.bridge(x, &run, &around, degree, degree.saturating_sub(2));
+        let n = run.len() as f64;
+        self.extra[run].fill(n * missed * missed);
+    }
+
+    /// Replaces a run by the polynomial of `degree`, and sets the factors of its samples. Returns
+    /// the largest distance to the polynomial of the degree `lower`.
+    fn bridge(&mut self, x: &mut [f64], run: &Range<usize>, around: &Neighbours, degree: usize, lower: usize) -> f64 {
         let n = run.len() as f64;
         let origin = 0.5 * (run.start + run.end) as f64 - 0.5;
         let (mut w, mut total, mut missed) = ([0.0; MOST], [0.0; MOST], 0.0f64);
         for k in run.clone() {
-            let lower = around.at(degree.saturating_sub(2), k as f64 - origin, &mut w);
+            let other = around.at(lower, k as f64 - origin, &mut w);
             x[k] = around.at(degree, k as f64 - origin, &mut w);
             total.iter_mut().zip(&w).for_each(|(sum, w)| *sum += w);
-            missed = missed.max((x[k] - lower).abs());
+            missed = missed.max((x[k] - other).abs());
         }
         let squares: f64 = total.iter().map(|w| w * w).sum();
-        for k in run {
-            self.factor[k] = 2.0 + squares / n;
-            self.extra[k] = n * missed * missed;
-        }
+        self.factor[run.clone()].fill(2.0 + squares / n);
+        missed
     }
 
     /// Replaces the inputs of a run: by a polynomial if the neighbours lie on one, else by the
@@ -103,33 +109,22 @@ impl MendedSignal {
         let origin = 0.5 * (run.start + run.end) as f64 - 0.5;
         let degree = around.degree(3);
         let mut w = [0.0; MOST];
-        let misfit = {
-            let mut sum = 0.0;
-            for k in 0..around.count {
-                sum += (around.values[k] - around.at(degree, around.nodes[k], &mut w)).powi(2);
-            }
-            (sum / around.count.saturating_sub(degree + 1).max(1) as f64).sqrt()
-        };
+        let mut sum = 0.0;
+        for k in 0..around.count {
+            sum += (around.values[k] - around.at(degree, around.nodes[k], &mut w)).powi(2);
+        }
+        let misfit = (sum / around.count.saturating_sub(degree + 1).max(1) as f64).sqrt();
         let whole = around.left >= 3 && around.right() >= 3;
         if whole && misfit <= 3.0 * std {
-            let (mut total, mut missed) = ([0.0; MOST], 0.0f64);
-            for k in run.clone() {
-                let lower = around.at(1, k as f64 - origin, &mut w);
-                x[k] = around.at(degree, k as f64 - origin, &mut w);
-                total.iter_mut().zip(&w).for_each(|(sum, w)| *sum += w);
-                missed = missed.max((x[k] - lower).abs());
-            }
-            let squares: f64 = total.iter().map(|w| w * w).sum();
-            for k in run {
-                self.factor[k] = 2.0 + squares / n;
-                // a fifth: the cubic removes most of the line's error
-                self.extra[k] = n * (0.2 * missed).powi(2);
-            }
+            let missed = self.bridge(x, &run, &around, degree, 1);
+            // a fifth: the cubic removes most of the line's error
+            self.extra[run].fill(n * (0.2 * missed).powi(2));
             return;
         }
-        let (left, last) = (0, around.left);
+        // the nearest neighbour on either side
+        let (left, right) = (0, around.left);
         if around.left == 0 || around.right() == 0 {
-            // neighbours on one side only: the last value, which may have changed since
+            // neighbours on one side only: the value of the nearest
             let value = around.values[0];
             for k in run {
                 x[k] = value;
@@ -140,12 +135,12 @@ impl MendedSignal {
         }
         // a held input may have jumped anywhere in the hole with equal probability, so the line is
         // the best estimate
-        let (a, b) = (around.values[left], around.values[last]);
-        let (t_a, t_b) = (around.nodes[left], around.nodes[last]);
+        let (a, b) = (around.values[left], around.values[right]);
+        let (t_a, t_b) = (around.nodes[left], around.nodes[right]);
         // change of the input from sample to sample without jumps
         let step = |k: usize, other: usize| (around.values[k] - around.values[other]).abs();
         let quiet = match (around.left > 1, around.right() > 1) {
-            (true, true) => step(0, 1).min(step(last, last + 1)),
+            (true, true) => step(left, left + 1).min(step(right, right + 1)),
             _ => misfit,
         };
         for k in run {

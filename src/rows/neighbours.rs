@@ -19,7 +19,7 @@ pub(super) struct Neighbours {
 }
 
 impl Neighbours {
-    /// Up to [`SIDE`] good samples on either side of `run`, within the stretch.
+    /// The good samples around `run`, within the stretch: at most `sides` on the left and right.
     pub fn new(
         x: &[f64],
         good: impl Fn(usize) -> bool,
@@ -27,7 +27,7 @@ impl Neighbours {
         run: &Range<usize>,
         sides: (usize, usize),
     ) -> Self {
-        let mut own = Self {
+        let mut around = Self {
             nodes: [0.0; MOST],
             values: [0.0; MOST],
             count: 0,
@@ -37,13 +37,13 @@ impl Neighbours {
         let before = (run.start.saturating_sub(FAR).max(stretch.start)..run.start).rev();
         let behind = run.end..(run.end + FAR).min(stretch.end);
         for k in before.filter(|&k| good(k)).take(sides.0) {
-            own.push(k as f64 - origin, x[k]);
+            around.push(k as f64 - origin, x[k]);
         }
-        own.left = own.count;
+        around.left = around.count;
         for k in behind.filter(|&k| good(k)).take(sides.1) {
-            own.push(k as f64 - origin, x[k]);
+            around.push(k as f64 - origin, x[k]);
         }
-        own
+        around
     }
 
     fn push(&mut self, node: f64, value: f64) {

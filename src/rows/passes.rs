@@ -74,14 +74,14 @@ pub(super) struct Wanted {
     pub feature: usize,
 }
 
-/// One of the two sums.
+/// One of the two sums of an evaluation: its value or its slope, the factor of ε.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Part {
     Value,
     Slope,
 }
 
-/// I and j.
+/// θ of an evaluation, as the parameters that are set to 1, I, and the one that is seeded, j.
 #[derive(Debug, Clone, Default)]
 struct Point {
     ones: Vec<usize>,
@@ -114,7 +114,7 @@ impl Point {
         (present.iter().filter(beside).count() == 1).then_some(part)
     }
 
-    /// Number of wanted b that it gives.
+    /// Number of wanted b that an evaluation here gives.
     fn gain(&self, wanted: &[Wanted], present: &[(Monomial, usize)]) -> usize {
         wanted.iter().filter(|w| self.alone(w, present).is_some()).count()
     }
@@ -190,6 +190,7 @@ pub(super) fn plan(shape: Shape, params: usize, present: &[(Monomial, usize)], m
         let best = best_point(&wanted, present);
         let monomial = first.monomial;
         let (mut values, mut slopes, mut seconds) = (Vec::new(), Vec::new(), Vec::new());
+        // no sum consists of a single b: take the second derivatives of one monomial
         let stuck = best.gain(&wanted, present) == 0;
         wanted.retain(|w| {
             let list = match best.alone(w, present) {

@@ -26,6 +26,9 @@ use std::ops::Range;
 /// Relative difference that counts as equal: about a hundred rounding units.
 const EQUAL: f64 = 1e-10;
 
+/// A monomial with its coefficients at every probe.
+type Coefficients = (Monomial, Vec<Terms>);
+
 /// Signals on which the nonlinear part of an equation depends, for the propagation of sensor noise.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Sensitivity {
@@ -90,8 +93,7 @@ impl Separation {
                 own.clone()
                     .flat_map(|i| (i..own.end).map(move |j| Monomial::Product(i, j))),
             );
-        // monomials with their coefficients at every probe
-        let table: Vec<(Monomial, Vec<Terms>)> = all
+        let table: Vec<Coefficients> = all
             .map(|monomial| {
                 let at = probes
                     .iter()
@@ -100,16 +102,8 @@ impl Separation {
                 (monomial, at)
             })
             .collect();
-        for (n, probe) in probes.iter().enumerate() {
-            let exact = terms(plant, equation, &probe.q, &probe.dq, &probe.theta);
-            for d in 0..=form.order {
-                let parts = table.iter().map(|(m, at)| m.value(&probe.theta) * at[n][d]);
-                let (sum, size) = parts.fold((0.0, 0.0), |(sum, size), x| (sum + x, size + x.abs()));
-                // NaN also fails here
-                if !((sum - exact[d]).abs() <= EQUAL * (size + exact[d].abs())) {
-                    return None;
-                }
-            }
+        if !reproduces(&table, plant, equation, probes) {
+            return None;
         }
 
         let mut polynomial = Polynomial::default();
@@ -131,20 +125,14 @@ impl Separation {
                         polynomial.monomials.len() - 1
                     });
                 if let Some(slopes) = constant_slopes(plant, equation, *monomial, d, probes, at) {
-                    polynomial
-                        .velocity
-                        .extend(
-                            slopes
-                                .iter()
-                                .enumerate()
-                                .filter(|(_, a)| **a != 0.0)
-                                .map(|(joint, &coefficient)| VelocityTerm {
-                                    monomial: index,
-                                    derivative: d,
-                                    joint,
-                                    coefficient,
-                                }),
-                        );
+                    for (joint, &coefficient) in slopes.iter().enumerate().filter(|(_, a)| **a != 0.0) {
+                        polynomial.velocity.push(VelocityTerm {
+                            monomial: index,
+                            derivative: d,
+                            joint,
+                            coefficient,
+                        });
+                    }
                 } else {
                     let values: Vec<f64> = at.iter().map(|g| g[d]).collect();
                     let feature = seen.iter().position(|other| *other == values).unwrap_or_else(|| {
@@ -183,6 +171,20 @@ impl Separation {
             pass.evaluate(plant, samples.clone(), &signals, &mut put);
         }
     }
+}
+
+/// True if the sum of the monomials times their coefficients is the equation, at every probe.
+fn reproduces(table: &[Coefficients], plant: &dyn AnyPlant, equation: usize, probes: &[Probe]) -> bool {
+    let order = plant.equations()[equation].order;
+    probes.iter().enumerate().all(|(n, probe)| {
+        let exact = terms(plant, equation, &probe.q, &probe.dq, &probe.theta);
+        (0..=order).all(|d| {
+            let parts = table.iter().map(|(m, at)| m.value(&probe.theta) * at[n][d]);
+            let (sum, size) = parts.fold((0.0, 0.0), |(sum, size), x| (sum + x, size + x.abs()));
+            // false for NaN
+            (sum - exact[d]).abs() <= EQUAL * (size + exact[d].abs())
+        })
+    })
 }
 
 /// The a_j if the coefficient function is Σ a_j q̇_j with constant a_j, and not zero.

@@ -182,24 +182,7 @@ impl Search<'_> {
             if run.len() > RUN {
                 continue;
             }
-            let origin = 0.5 * (run.start + run.end) as f64 - 0.5;
-            // near a step, one side has few samples
-            let mut off = [0.0; RUN];
-            for (left, right, degree) in [(SIDE, SIDE, 3), (SIDE, NEAR, 2), (NEAR, SIDE, 2)] {
-                let good = |k: usize| !self.signal.bad[k] && !is_suspect(k);
-                let around = Neighbours::new(self.x, good, self.stretch, &run, (left, right));
-                if around.left < left.min(3) || around.right() < right.min(3) || around.count < 6 {
-                    continue;
-                }
-                let (limit, mut w) = (self.threshold.max(CLEAR * around.misfit(degree)), [0.0; MOST]);
-                for (off, k) in off.iter_mut().zip(run.clone()) {
-                    let own = (self.x[k] - around.at(degree, k as f64 - origin, &mut w)).abs();
-                    *off = if own > limit { own } else { 0.0 };
-                }
-                if off.iter().any(|off| *off > 0.0) {
-                    break;
-                }
-            }
+            let off = self.off_curve(&run, is_suspect);
             settled |= off.iter().any(|off| *off > 0.0);
             for (k, off) in run.zip(off).filter(|(_, off)| *off > 0.0) {
                 match answer(k) {
@@ -216,6 +199,30 @@ impl Search<'_> {
             }
         }
         (doubted, settled)
+    }
+
+    /// Distance of each sample of a run from the smooth curve of its neighbours; 0 for one that is
+    /// not far enough away to be a spike. A curve from few samples on one side, as near a step, is
+    /// tried if the one from both sides shows none.
+    fn off_curve(&self, run: &Range<usize>, is_suspect: impl Fn(usize) -> bool) -> [f64; RUN] {
+        let origin = 0.5 * (run.start + run.end) as f64 - 0.5;
+        let good = |k: usize| !self.signal.bad[k] && !is_suspect(k);
+        let mut off = [0.0; RUN];
+        for (left, right, degree) in [(SIDE, SIDE, 3), (SIDE, NEAR, 2), (NEAR, SIDE, 2)] {
+            let around = Neighbours::new(self.x, good, self.stretch, run, (left, right));
+            if around.left < left.min(3) || around.right() < right.min(3) || around.count < 6 {
+                continue;
+            }
+            let (limit, mut w) = (self.threshold.max(CLEAR * around.misfit(degree)), [0.0; MOST]);
+            for (off, k) in off.iter_mut().zip(run.clone()) {
+                let distance = (self.x[k] - around.at(degree, k as f64 - origin, &mut w)).abs();
+                *off = if distance > limit { distance } else { 0.0 };
+            }
+            if off.iter().any(|off| *off > 0.0) {
+                break;
+            }
+        }
+        off
     }
 
     /// Increases the variance of a sample next to a step if it does not lie on the curve of its own

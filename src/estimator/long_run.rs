@@ -74,7 +74,7 @@ mod tests {
     fn val_the_variance_of_sums_is_that_of_their_correlated_terms() {
         // white: 1 to within four standard deviations, √(4 (L + 1)/3 / rows)
         assert!((variance(1) - 1.0).abs() < 0.11, "{}", variance(1));
-        // γ_k = 1 − k/3 for k < 3, weighed by 1 − k/11: 1 + 2 (2/3 · 10/11 + 1/3 · 9/11) = 2.76
+        // γ_k = 1 − k/3 for k < 3, weighted by 1 − k/11: 1 + 2 (2/3 · 10/11 + 1/3 · 9/11) = 2.76
         assert!((variance(3) - 2.76).abs() < 0.3, "{}", variance(3));
     }
 }

@@ -12,9 +12,9 @@ use crate::model::{DerivedValues, MAX_PARAMS};
 use crate::rows::{FirstBlocks, SampleBlock};
 use std::any::Any;
 
-/// Standard deviation, relative to that of the start, below which the data have told something of
-/// a parameter.
-const TOLD: f64 = 0.5;
+/// Standard deviation, relative to that of the start, below which the data have informed on a
+/// parameter.
+const INFORMED: f64 = 0.5;
 
 /// Rows, estimator, state machine and derived values.
 pub struct BlockLearner<B> {
@@ -45,14 +45,15 @@ impl<B: SampleBlock + Send + 'static> BlockLearner<B> {
         &self.estimator
     }
 
-    /// True if the blocks so far have told something of some parameter.
-    fn knows_something(&self) -> bool {
+    /// True if the blocks so far have informed on some parameter.
+    fn is_informed(&self) -> bool {
         let (report, options) = (self.estimator.report(), self.estimator.options());
         let mut pairs = report.theta_std.iter().zip(&options.parameters);
-        pairs.any(|(std, prior)| !prior.fixed && *std < TOLD * prior.std)
+        pairs.any(|(std, prior)| !prior.fixed && *std < INFORMED * prior.std)
     }
 
-    /// Learns from the first blocks again, weighed and smoothed with the θ̂ that they gave together.
+    /// Learns from the first blocks again, with the θ̂ that they gave together for weights and
+    /// smoothing.
     fn learn_again(&mut self) {
         self.first_theta.copy_from_slice(self.estimator.theta());
         self.estimator.begin_again(self.first.len() as u64);
@@ -92,9 +93,10 @@ impl<B: SampleBlock + Send + 'static> Learner for BlockLearner<B> {
     }
 
     fn restart_rows(&mut self) {
-        match self.first.is_empty() {
-            true => self.first.drop_block(),
-            false => self.first.end(),
+        if self.first.is_empty() {
+            self.first.drop_block();
+        } else {
+            self.first.end();
         }
         self.rows.reset();
     }
@@ -103,7 +105,7 @@ impl<B: SampleBlock + Send + 'static> Learner for BlockLearner<B> {
         self.rows.enable_scale_columns(self.estimator.inquires());
         self.rows.prepare(self.estimator.theta());
         self.estimator.update(&self.rows);
-        if self.first.close_block(self.knows_something()) {
+        if self.first.close_block(self.is_informed()) {
             self.learn_again();
         }
         let report = self.estimator.report();

@@ -1,6 +1,6 @@
 //! The samples of the first blocks, kept until θ is known, so that they can be learnt from again.
 //!
-//! Rows are weighed, and their positions smoothed, with a θ that the first blocks themselves must
+//! Rows are weighted, and their positions smoothed, with a θ that the first blocks themselves must
 //! give (`projected/first_fit.rs`). Through encoders of 13 bits one block of smooth motion hardly
 //! determines it, and what was learnt with wrong weights stays in the estimate for long: θ₅ and θ₉
 //! of the arm had 2 to 10 times the Cramér–Rao bound after ten blocks. Four blocks give a θ that is
@@ -12,7 +12,7 @@ use crate::model::JointSample;
 /// Blocks that are learnt from twice.
 const BLOCKS: usize = 4;
 
-/// Samples of the first blocks that told something.
+/// Samples of the first blocks that informed on some parameter.
 #[derive(Debug, Clone, Default)]
 pub struct FirstBlocks {
     /// Stream times \[ns\], and q, input and setpoint of each joint, sample after sample.
@@ -54,11 +54,11 @@ impl FirstBlocks {
     }
 
     /// Ends a block that was learnt from; true if it was the last of those to be learnt again, with
-    /// which nothing more is kept. As long as `tells` is false, the blocks say nothing of θ and are
-    /// dropped.
+    /// which nothing more is kept. As long as `informed` is false, the blocks do not inform on any
+    /// parameter and are dropped.
     #[must_use]
-    pub fn close_block(&mut self, tells: bool) -> bool {
-        if self.open && tells {
+    pub fn close_block(&mut self, informed: bool) -> bool {
+        if self.open && informed {
             self.ends.push(self.t_ns.len());
         } else {
             self.drop_block();

@@ -167,42 +167,49 @@ impl Intake {
         } else {
             // the first sample of a stretch lies on the grid, so there is one before, unless the
             // grid is far behind
-            let Some(left) = behind.checked_sub(1).map(|at| &raw[at]) else {
+            if behind == 0 {
                 self.next = right.x.ceil() as i64;
                 return self.next();
-            };
-            let spacing = right.x - left.x;
-            let share = (x - left.x) / spacing;
-            grid.t_ns = left.t_ns + ((x - left.x) * self.period_ns).round() as u64;
-            let line = |a: f64, b: f64| a + share * (b - a);
-            for j in 0..self.joints {
-                grid.u[j] = line(left.u[j], right.u[j]);
             }
-            if spacing > 1.5 {
-                grid.lost = true;
-                for j in 0..self.joints {
-                    grid.q[j] = line(left.q[j], right.q[j]);
-                }
-            } else {
-                let before = behind.min(STENCIL / 2);
-                let from = behind - before;
-                let stencil = raw.get(from..from + STENCIL)?;
-                let nodes: [f64; STENCIL] = std::array::from_fn(|k| stencil[k].x - x);
-                let mut w = [0.0; MOST];
-                weights(&nodes, STENCIL - 1, 0.0, &mut w);
-                for j in 0..self.joints {
-                    grid.q[j] = stencil.iter().zip(&w).map(|(r, w)| w * r.q[j]).sum();
-                }
-                if self.timing == InputTiming::Held {
-                    grid.u = left.u;
-                    self.hold(&raw[behind - 1..], &mut grid.u);
-                }
-                grid.gain = (nodes[STENCIL - 1] - nodes[0]) / (STENCIL - 1) as f64;
-            }
+            self.interpolate(raw, behind, x, &mut grid)?;
         }
         self.next += 1;
         self.first = false;
         Some(grid)
+    }
+
+    /// Computes a grid value at `x`, between samples `right − 1` and `right`; `None` if it needs
+    /// samples that are still to come.
+    fn interpolate(&self, raw: &[Raw], right: usize, x: f64, grid: &mut GridSample) -> Option<()> {
+        let (before, after) = (&raw[right - 1], &raw[right]);
+        let spacing = after.x - before.x;
+        let share = (x - before.x) / spacing;
+        grid.t_ns = before.t_ns + ((x - before.x) * self.period_ns).round() as u64;
+        let line = |a: f64, b: f64| a + share * (b - a);
+        for j in 0..self.joints {
+            grid.u[j] = line(before.u[j], after.u[j]);
+        }
+        if spacing > 1.5 {
+            grid.lost = true;
+            for j in 0..self.joints {
+                grid.q[j] = line(before.q[j], after.q[j]);
+            }
+            return Some(());
+        }
+        let from = right - right.min(STENCIL / 2);
+        let stencil = raw.get(from..from + STENCIL)?;
+        let nodes: [f64; STENCIL] = std::array::from_fn(|k| stencil[k].x - x);
+        let mut w = [0.0; MOST];
+        weights(&nodes, STENCIL - 1, 0.0, &mut w);
+        for j in 0..self.joints {
+            grid.q[j] = stencil.iter().zip(&w).map(|(r, w)| w * r.q[j]).sum();
+        }
+        if self.timing == InputTiming::Held {
+            grid.u = before.u;
+            self.hold(&raw[right - 1..], &mut grid.u);
+        }
+        grid.gain = (nodes[STENCIL - 1] - nodes[0]) / (STENCIL - 1) as f64;
+        Some(())
     }
 
     /// The mean of a held input over the cell that starts at the next grid instant, as far as it is

@@ -94,6 +94,6 @@ pub trait SampleBlock: Residuals {
     fn first_blocks(&self) -> FirstBlocks {
         FirstBlocks::default()
     }
-    /// θ is known: blocks from now on are weighed with what [`prepare`](Self::prepare) is given.
+    /// θ is known: rows from now on are weighted with what [`prepare`](Self::prepare) is given.
     fn know_theta(&mut self) {}
 }

@@ -26,16 +26,19 @@
 //! time has one if the model has back EMF and an inductance. A spring has one at any joint whose
 //! model has none, because a weight and an inertia look like it. There are two columns of friction
 //! that falls with speed, with v_s of 0.2 and of 0.8 times the root mean square of the velocity in
-//! the first block that moves: together they approximate any v_s between. The standard deviations
-//! of friction, dead band, offset and spring are shares of u_r, the largest root mean square of a
-//! block's input so far, so one default fits drives of any voltage. sat is the sign function with a
-//! linear middle. For velocities it is three standard deviations of their noise wide, because at
-//! rest the sign is that of the noise, and for inputs a fiftieth of u_r. The offset is a share of
-//! u_r or of 400 standard deviations of the input's noise, whichever is larger: the offset of an
-//! amplifier or a sensor does not depend on the motion, and u_r is small in slow motion. A flexible
-//! joint has u (1 + s²/ω_a²) = (1 + s²/ω_r²)·(the rigid terms), so to first order in 1/ω² its rigid
-//! model is off by (1/ω_r² − 1/ω_a²) s² u: the second derivative of the input, for any equation.
-//! Its sign depends on the side of the encoder.
+//! the first block that moves: together they approximate any v_s between.
+//!
+//! The standard deviations of friction, dead band, offset and spring are shares of u_r, the largest
+//! root mean square of a block's input so far, so one default fits drives of any voltage. The
+//! offset is a share of u_r or of 400 standard deviations of the input's noise, whichever is
+//! larger: the offset of an amplifier or a sensor does not depend on the motion, and u_r is small
+//! in slow motion. sat is the sign function with a linear middle. For velocities it is three
+//! standard deviations of their noise wide, because at rest the sign is that of the noise, and for
+//! inputs a fiftieth of u_r.
+//!
+//! A flexible joint has u (1 + s²/ω_a²) = (1 + s²/ω_r²)·(the rigid terms), so to first order in
+//! 1/ω² its rigid model is off by (1/ω_r² − 1/ω_a²) s² u: the second derivative of the input, for
+//! any equation. Its sign depends on the side of the encoder.
 //!
 //! The estimator widens its published covariance by the remaining uncertainty of the errors that
 //! have a prior standard deviation ([`Considered`]), and tests for all of them (`score_test.rs`).
@@ -201,11 +204,9 @@ impl SuspectColumns {
 
     /// With samples a period \[s\] apart.
     #[must_use]
-    pub fn with_period(self, sample_period_s: f64) -> Self {
-        Self {
-            sample_period_s,
-            ..self
-        }
+    pub fn with_period(mut self, sample_period_s: f64) -> Self {
+        self.sample_period_s = sample_period_s;
+        self
     }
 
     /// Forgets the stream.
@@ -248,12 +249,11 @@ impl SuspectColumns {
             SuspectKind::LoadFriction => self.considered.load_friction,
             SuspectKind::ViscousByDirection => self.considered.viscous_by_direction * self.per_speed(suspect, size),
             SuspectKind::Eccentricity => self.considered.eccentricity_rad.unwrap_or(0.0),
-            SuspectKind::Resonance => match self.considered.resonance_hz {
-                rigid if !(rigid > 0.0) => 0.0,
-                hertz => (TAU * hertz).powi(-2),
-            },
+            SuspectKind::Resonance if self.considered.resonance_hz > 0.0 => {
+                (TAU * self.considered.resonance_hz).powi(-2)
+            }
             SuspectKind::Zero => self.considered.zero_rad,
-            SuspectKind::Scale | SuspectKind::Clock => 0.0,
+            SuspectKind::Resonance | SuspectKind::Scale | SuspectKind::Clock => 0.0,
             SuspectKind::Drift => self.considered.drift_per_s,
         }
     }
@@ -405,11 +405,12 @@ impl SuspectColumns {
                 for (friction, (dq, q_std)) in friction.iter_mut().zip(dq.iter().zip(q_std)) {
                     *friction = (dq / (standing * q_std)).clamp(-1.0, 1.0);
                 }
-                match self.places.jumps[e] {
-                    false => {}
-                    true if *speed == 0.0 => friction.fill(0.0),
-                    true => (friction.iter_mut().zip(dq))
-                        .for_each(|(friction, dq)| *friction *= (-(dq / (share * *speed)).powi(2)).exp()),
+                if self.places.jumps[e] && *speed == 0.0 {
+                    friction.fill(0.0);
+                } else if self.places.jumps[e] {
+                    for (friction, dq) in friction.iter_mut().zip(dq) {
+                        *friction *= (-(dq / (share * *speed)).powi(2)).exp();
+                    }
                 }
             }
         }

@@ -92,7 +92,7 @@ impl SuspectPlaces {
             LOAD_FRICTION => SuspectKind::LoadFriction,
             SCALE => SuspectKind::Scale,
             CLOCK => SuspectKind::Clock,
-            _ => SuspectKind::Stribeck,
+            _ => SuspectKind::Stribeck, // SLOW_FRICTION
         }
     }
 

@@ -153,7 +153,7 @@ impl FirstFit {
             self.weigh_and_smooth(rows);
             self.estimator.restart(&self.settled);
             self.estimator.update(rows);
-            if !self.tells_of_all() {
+            if !self.informs_on_all() {
                 self.estimator.go_back(&self.together);
                 self.keep_known_or(None);
                 rows.weigh(&self.settled);
@@ -165,7 +165,7 @@ impl FirstFit {
     }
 
     /// True if the fit informs on every parameter.
-    fn tells_of_all(&self) -> bool {
+    fn informs_on_all(&self) -> bool {
         let (report, options) = (self.estimator.report(), self.estimator.options());
         let mut pairs = report.theta_std.iter().zip(&options.parameters);
         pairs.all(|(std, prior)| *std < NOTHING * prior.std)

@@ -123,14 +123,16 @@ impl RobotIdentifier {
         gains.plain.copy_from_slice(&gains.theta[..n]);
         let was = gains.found.take();
         let mut best: [Option<Suspect>; 2] = [None; 2];
+        // the first step of each suspect, 0 for the others
         let mut first = [0.0; MAX_JOINTS];
         for joint in 0..joints {
             gains.misfits[joint] = gains.misfit(joint, 1.0);
             let (score, information) = gains.slope(joint, 1.0);
-            let is_told = information > 0.0 && score.abs() > SUSPECTED.0 * information.sqrt();
             let step = score / information;
-            let was_named = was.is_some_and(|was| was.names(joint));
-            if gains.sums[joint].rows > 0 && (is_told && step.abs() > SUSPECTED.1 || was_named && step.is_finite()) {
+            let is_significant = information > 0.0 && score.abs() > SUSPECTED.0 * information.sqrt();
+            let is_suspect = is_significant && step.abs() > SUSPECTED.1;
+            let was_named = was.is_some_and(|was| was.names(joint)) && step.is_finite();
+            if gains.sums[joint].rows > 0 && (is_suspect || was_named) {
                 first[joint] = step;
             }
         }
@@ -148,11 +150,10 @@ impl RobotIdentifier {
         let Some(likeliest) = best[0] else { return };
         let off = (likeliest.factor - 1.0).abs();
         let is_credible = CREDIBLE.start < likeliest.factor && likeliest.factor < CREDIBLE.end;
-        let is_named = match was.is_some_and(|was| was.names(likeliest.joint)) {
-            false => {
-                likeliest.deviations > NAMED && likeliest.harm > HARMFUL && off >= LEAST && likeliest.share > TELLING
-            }
-            true => likeliest.formal > KEPT && off >= LEAST_KEPT && likeliest.share > TELLING_KEPT,
+        let is_named = if was.is_some_and(|was| was.names(likeliest.joint)) {
+            likeliest.formal > KEPT && off >= LEAST_KEPT && likeliest.share > TELLING_KEPT
+        } else {
+            likeliest.deviations > NAMED && likeliest.harm > HARMFUL && off >= LEAST && likeliest.share > TELLING
         };
         let alike = best[1].filter(|other| likeliest.likelihood - other.likelihood < ALIKE);
         gains.found = (is_named && is_credible).then_some(WrongGain {

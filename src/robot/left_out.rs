@@ -95,8 +95,8 @@ impl RobotIdentifier {
     /// [`contradiction`](Self::contradiction), because a slope does not give their size.
     pub fn left_out_cause(&self) -> Option<LeftOutCause> {
         let found = self.left_out.as_ref()?.found?;
-        let is_told = found.what.is_considered() && self.contradiction().is_some();
-        (!is_told).then_some(found)
+        let is_contradiction = found.what.is_considered() && self.contradiction().is_some();
+        (!is_contradiction).then_some(found)
     }
 
     /// Searches for missing terms after a block.
@@ -122,11 +122,10 @@ impl RobotIdentifier {
                 *excess = level * self.weight(joint); // (4), (5)
             }
         }
-        let (named, harmful) = match left_out.found.take() {
+        let limits = match left_out.found.take() {
             None => (NAMED.0, HARMFUL.0),
             Some(_) => (NAMED.1, HARMFUL.1),
         };
-        let is_useless = !self.knows_any();
         let (n, k, mut place) = (self.theta.len(), left_out.terms.len(), 0);
         for c in 0..k {
             let LeftOutTerm { what, index, .. } = left_out.terms[c];
@@ -139,49 +138,63 @@ impl RobotIdentifier {
             let score = score.signum() * (score.abs() - ALLOWED * left_out.doubtful[c]).max(0.0); // (9)
             let is_told_apart = information > TOLD_APART * self.system.matrix[index * n + index];
             let amplitude = score / information; // (2)
-            let deviations = (score * amplitude / excess).sqrt(); // (5)
+            let square = score * amplitude;
+            let deviations = (square / excess).sqrt(); // (5)
             let is_believed = is_told_apart && deviations > BELIEVED;
             if what.has_prior() {
-                let told = match is_told_apart && excess > 0.0 {
-                    // (6) has the amplitude itself
-                    true if is_believed => (information / excess, 0.0),
-                    true => (information / excess, score / excess),
-                    false => (0.0, 0.0),
+                let evidence = if !(is_told_apart && excess > 0.0) {
+                    (0.0, 0.0)
+                } else if is_believed {
+                    (information / excess, 0.0) // (6) has the amplitude itself
+                } else {
+                    (information / excess, score / excess)
                 };
-                left_out.consider_with_prior(place, c, self.std_of(what, left_out), told);
+                left_out.consider_with_prior(place, c, self.std_of(what, left_out), evidence);
                 place += 1;
             }
-            if !is_believed {
-                continue;
-            }
-            let harm = self.harm(&left_out.shifts[c * n..(c + 1) * n], amplitude);
-            let likeliest = left_out.found.map_or(named, |found| found.deviations);
-            let is_large = !what.is_considered() || amplitude.abs() > NOT_CONSIDERED * left_out.zero_rad; // (7)
-            let mut is_likeliest = is_large && deviations > likeliest && (harm > harmful || is_useless);
-            let mut deviations = deviations;
-            if is_likeliest {
-                deviations = deviations.min((score * amplitude / self.scatter(c, left_out)).sqrt()); // (8)
-                is_likeliest = deviations > likeliest;
-            }
-            if is_likeliest {
-                left_out.theta.copy_from_slice(&self.theta);
-                left_out.step(c, amplitude);
-                self.effective_with(&left_out.theta, &mut left_out.alone);
-                let share = self.share(what.only_joint(), &left_out.alone);
-                // many effects vary with the position, or look like a delay at a reversal
-                let is_told = !what.bends_friction() && (!what.is_one_of_many() || share > TELLING);
-                if harm > harmful && is_told || is_useless && share > TELLING {
-                    left_out.found = Some(LeftOutCause {
-                        what,
-                        amplitude,
-                        deviations,
-                        harm,
-                        share,
-                    });
+            if is_believed {
+                if let Some(cause) = self.cause(left_out, c, (amplitude, square, deviations), limits) {
+                    left_out.found = Some(cause);
                 }
+                left_out.believe(c, amplitude);
             }
-            left_out.believe(c, amplitude);
         }
+    }
+
+    /// Term `c` as the cause of wrong estimates, if it is one, and likelier than the one found so
+    /// far. `limits` are those of the standard deviations of the term and of a parameter's error.
+    fn cause(
+        &self,
+        left_out: &mut LeftOut,
+        c: usize,
+        (amplitude, square, deviations): (f64, f64, f64),
+        limits: (f64, f64),
+    ) -> Option<LeftOutCause> {
+        let (n, what) = (self.theta.len(), left_out.terms[c].what);
+        let least = left_out.found.map_or(limits.0, |found| found.deviations);
+        let is_large = !what.is_considered() || amplitude.abs() > NOT_CONSIDERED * left_out.zero_rad; // (7)
+        let harm = self.harm(&left_out.shifts[c * n..(c + 1) * n], amplitude);
+        let (is_harmful, is_useless) = (harm > limits.1, !self.knows_any());
+        if !(is_large && deviations > least && (is_harmful || is_useless)) {
+            return None;
+        }
+        let deviations = deviations.min((square / self.scatter(c, left_out)).sqrt()); // (8)
+        if !(deviations > least) {
+            return None;
+        }
+        left_out.theta.copy_from_slice(&self.theta);
+        left_out.step(c, amplitude);
+        self.effective_with(&left_out.theta, &mut left_out.alone);
+        let share = self.share(what.only_joint(), &left_out.alone);
+        // many effects vary with the position, or look like a delay at a reversal
+        let is_specific = !what.bends_friction() && (!what.is_one_of_many() || share > TELLING);
+        (is_harmful && is_specific || is_useless && share > TELLING).then_some(LeftOutCause {
+            what,
+            amplitude,
+            deviations,
+            harm,
+            share,
+        })
     }
 
     /// σ_c of (10).
@@ -247,8 +260,8 @@ impl RobotIdentifier {
             let (std, size) = (self.covariance[i * n + i].max(0.0).sqrt(), self.theta[i].abs());
             let error = (direction[i] * amplitude).abs();
             // the payload values for a controller depend on all of its parameters
-            let is_told = payload.is_some_and(|payload| payload.indices().contains(&i));
-            if (is_told || 3.0 * std < USABLE * size) && error > LEAST_ERROR * size {
+            let is_payload = payload.is_some_and(|payload| payload.indices().contains(&i));
+            if (is_payload || 3.0 * std < USABLE * size) && error > LEAST_ERROR * size {
                 harm = harm.max(error / std);
             }
         }

@@ -97,26 +97,24 @@ pub fn project(estimate: &BodyParameters, information: &BodyInformation) -> Opti
         let step = scaled.cholesky()?.solve(&right);
         let decrement = right.dot(&step);
         let step = Column::from_fn(|i, _| step[i] * scale[i]);
-        if decrement < 1e-6 {
+        let mut is_minimum = decrement < 1e-6;
+        if !is_minimum {
+            let now = cost(&x, gamma)?;
+            let mut part = 1.0;
+            while part > 1e-9 {
+                let next = x + step * part;
+                if cost(&next, gamma).is_some_and(|next| next <= now - 0.1 * part * decrement) {
+                    x = next;
+                    break;
+                }
+                part *= 0.5;
+            }
+            is_minimum = part <= 1e-9;
+        }
+        if is_minimum {
             if gamma <= WEIGHTS.1 {
                 break;
             }
-            gamma = (0.1 * gamma).max(WEIGHTS.1);
-            continue;
-        }
-        let now = cost(&x, gamma)?;
-        let mut part = 1.0;
-        while part > 1e-9 {
-            let next = x + step * part;
-            if cost(&next, gamma).is_some_and(|next| next <= now - 0.1 * part * decrement) {
-                x = next;
-                break;
-            }
-            part *= 0.5;
-        }
-        if part <= 1e-9 && gamma <= WEIGHTS.1 {
-            break;
-        } else if part <= 1e-9 {
             gamma = (0.1 * gamma).max(WEIGHTS.1);
         }
     }

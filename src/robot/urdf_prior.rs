@@ -201,6 +201,53 @@ impl fmt::Display for UrdfContradiction {
     }
 }
 
+/// Gravity moments at random positions; row `n s + i` is joint i at position s.
+struct GravityMoments {
+    /// G(q): one column per parameter.
+    g: DMatrix<f64>,
+    /// What the URDF's bodies give if a cause is true, at q − α e_j for (4): one column per cause.
+    weights: DMatrix<f64>,
+    /// Root mean square of each joint's moment according to the URDF.
+    means: Vec<f64>,
+}
+
+impl GravityMoments {
+    /// `parameters` as (index, (joint, parameter of its body)).
+    fn new(robot: &Robot, parameters: &[(usize, (usize, usize))], causes: &[UrdfContradiction]) -> Self {
+        let n = robot.len();
+        let mut regressors = EnergyRegressors::new(n);
+        let mut random = Random(SEED);
+        let still = [0.0; MAX_JOINTS];
+        let robots: Vec<Robot> = causes.iter().map(|cause| cause.robot(robot)).collect();
+        let mut g = DMatrix::zeros(STATES * n, parameters.len());
+        let mut weights = DMatrix::zeros(STATES * n, causes.len());
+        let mut own = DMatrix::zeros(n, STATES);
+        let mut weight = [0.0; MAX_JOINTS];
+        for state in 0..STATES {
+            let q: Vec<f64> = (0..n).map(|_| random.within(PI)).collect();
+            regressors.evaluate(robot, &q, &still[..n]);
+            for (column, (_, (joint, parameter))) in parameters.iter().enumerate() {
+                for i in 0..n {
+                    g[(state * n + i, column)] = -regressors.lagrangian(i)[joint * BODY_PARAMETERS + parameter];
+                }
+            }
+            regressors.weight(&robot.bodies, &mut weight[..n]);
+            own.column_mut(state).copy_from_slice(&weight[..n]);
+            for (column, cause) in causes.iter().enumerate() {
+                let mut other = q.clone();
+                let turned = cause.apply(&mut other);
+                regressors.evaluate(&robots[column], &other, &still[..n]);
+                regressors.weight(&robot.bodies, &mut weight[..n]);
+                for i in 0..n {
+                    weights[(state * n + i, column)] = if turned == Some(i) { -weight[i] } else { weight[i] };
+                }
+            }
+        }
+        let means = own.row_iter().map(|row| row.norm() / (STATES as f64).sqrt()).collect();
+        Self { g, weights, means }
+    }
+}
+
 /// β₀, D and β_jα, and the workspace of the test.
 #[derive(Debug, Clone)]
 pub(super) struct UrdfPrior {
@@ -223,7 +270,7 @@ pub(super) struct UrdfPrior {
 }
 
 impl UrdfPrior {
-    /// Of a model's URDF.
+    /// The prior of a model's URDF.
     pub fn new(model: &RobotModel) -> Self {
         let robot = model.robot();
         let n = robot.len();
@@ -236,42 +283,17 @@ impl UrdfPrior {
             own.filter(move |(_, (_, parameter))| wanted.contains(parameter))
                 .collect::<Vec<_>>()
         };
-        // G(q) and the weight at q − α e_j, over random positions
-        let mut regressors = EnergyRegressors::new(n);
-        let mut random = Random(SEED);
-        let still = [0.0; MAX_JOINTS];
         let moments = of(0..4);
         let causes: Vec<_> = (0..n)
             .flat_map(|joint| UrdfContradiction::of(joint, robot.joints[joint].turns))
             .chain(UrdfContradiction::instead_of(robot.gravity))
             .collect();
-        let robots: Vec<Robot> = causes.iter().map(|cause| cause.robot(robot)).collect();
-        let mut g = DMatrix::zeros(STATES * n, moments.len());
-        let mut weights = DMatrix::zeros(STATES * n, causes.len());
-        let mut own = DMatrix::zeros(n, STATES);
-        let mut weight = [0.0; MAX_JOINTS];
-        for state in 0..STATES {
-            let q: Vec<f64> = (0..n).map(|_| random.within(PI)).collect();
-            regressors.evaluate(robot, &q, &still[..n]);
-            for (column, (_, (joint, parameter))) in moments.iter().enumerate() {
-                for i in 0..n {
-                    g[(state * n + i, column)] = -regressors.lagrangian(i)[joint * BODY_PARAMETERS + parameter];
-                }
-            }
-            regressors.weight(&robot.bodies, &mut weight[..n]);
-            own.column_mut(state).copy_from_slice(&weight[..n]);
-            for (column, cause) in causes.iter().enumerate() {
-                let mut other = q.clone();
-                let turned = cause.apply(&mut other);
-                regressors.evaluate(&robots[column], &other, &still[..n]);
-                regressors.weight(&robot.bodies, &mut weight[..n]);
-                for i in 0..n {
-                    weights[(state * n + i, column)] = if turned == Some(i) { -weight[i] } else { weight[i] };
-                }
-            }
-        }
+        let GravityMoments {
+            mut g,
+            mut weights,
+            means,
+        } = GravityMoments::new(robot, &moments, &causes);
         // W
-        let means: Vec<f64> = own.row_iter().map(|row| row.norm() / (STATES as f64).sqrt()).collect();
         let heaviest = means.iter().copied().fold(0.0, f64::max);
         let factor = |mean: &f64| 1.0 / mean.max(LEAST_WEIGHT * heaviest).max(f64::MIN_POSITIVE);
         let factors: Vec<f64> = means.iter().map(factor).collect();
@@ -306,7 +328,7 @@ impl UrdfPrior {
         let size = g.norm_squared() / k.max(1) as f64;
         let sure = sure.map(|sure| &sure * (SEEN * size / sure.norm().max(f64::MIN_POSITIVE)));
         let gram = sure.map(|sure| g.tr_mul(&g) + sure);
-        let mut told = Vec::new();
+        let mut imitated = Vec::new();
         if let Some(factor) = gram.and_then(|gram| gram.cholesky()).filter(|_| largest > 0.0) {
             for (column, cause) in causes.into_iter().enumerate() {
                 let wanted = weights.column(column) - &g * &start;
@@ -314,7 +336,7 @@ impl UrdfPrior {
                 let left = (weights.column(column) - &g * &beta).norm() / weights.column(column).norm();
                 // a direction that moments cannot imitate causes a misfit instead
                 if left < IMITATED || !matches!(cause, UrdfContradiction::Direction { .. }) {
-                    told.push((cause, beta.as_slice().to_vec()));
+                    imitated.push((cause, beta.as_slice().to_vec()));
                 }
             }
         }
@@ -322,7 +344,7 @@ impl UrdfPrior {
             spread,
             inertias: of(4..BODY_PARAMETERS).into_iter().map(|(i, _)| i).collect(),
             nominal,
-            causes: told,
+            causes: imitated,
             factor: Cholesky::new(k),
             covariance: vec![0.0; k * k],
             estimate: vec![0.0; k],

@@ -88,48 +88,7 @@ pub fn write_urdf(
             .get(joint.name.as_str())
             .ok_or_else(|| missing("joint", &joint.name, "a joint of this file"))?;
         remove_own_comments(text, node, &mut edits);
-        let old = child(node, "dynamics");
-        let kept = |name: &str| old.and_then(|node| node.attribute(name)).map(str::to_owned);
-        let value = |name: &str, value: Option<f64>| -> Option<(String, String)> {
-            // Negative friction is written as 0; the comment has the estimate.
-            let text = value.map(|x| number(x.max(0.0))).or_else(|| kept(name))?;
-            Some((name.to_owned(), text))
-        };
-        let values = [value("damping", joint.damping), value("friction", joint.friction)];
-        let attributes: String = values
-            .into_iter()
-            .flatten()
-            .map(|(name, value)| format!(" {name}=\"{value}\""))
-            .collect();
-        let element = match attributes.is_empty() {
-            true => String::new(),
-            false => format!("<dynamics{attributes}/>"),
-        };
-        match old {
-            Some(node) => {
-                let indent = indent(text, node.range().start);
-                let note = comment(&joint.source, &indent);
-                edits.push((node.range(), format!("{}\n{indent}{element}", note.trim())));
-            }
-            None => {
-                let range = node.range();
-                let Some(end) = text[range.clone()].rfind("</").map(|at| range.start + at) else {
-                    continue;
-                };
-                let indent = format!("{}  ", indent(text, range.start));
-                let mut note = comment(&joint.source, &indent);
-                if !element.is_empty() {
-                    note.push_str(&format!("{indent}{element}\n"));
-                }
-                // Before the line of the end tag, or before the tag if there is other text on its
-                // line.
-                let line = text[..end].rfind('\n').map_or(0, |at| at + 1);
-                match text[line..end].trim().is_empty() {
-                    true => edits.push((line..line, note)),
-                    false => edits.push((end..end, format!("\n{note}"))),
-                }
-            }
-        }
+        edits.extend(dynamics_edit(text, node, joint));
     }
     // from the end to the beginning; of two edits at one place the removal first
     edits.sort_by_key(|(range, _)| std::cmp::Reverse((range.start, range.end)));
@@ -138,6 +97,44 @@ pub fn write_urdf(
         out.replace_range(range, &new);
     }
     Ok(out)
+}
+
+/// Writes the friction of a joint in place of its old element, or as a new one at its end.
+fn dynamics_edit(text: &str, node: &Node<'_, '_>, joint: &JointValues) -> Option<(Range<usize>, String)> {
+    let old = child(node, "dynamics");
+    let kept = |name: &str| old.and_then(|node| node.attribute(name)).map(str::to_owned);
+    let attribute = |name: &str, value: Option<f64>| -> Option<String> {
+        // negative friction is written as 0; the comment has the estimate
+        let text = value.map(|x| number(x.max(0.0))).or_else(|| kept(name))?;
+        Some(format!(" {name}=\"{text}\""))
+    };
+    let attributes = [
+        attribute("damping", joint.damping),
+        attribute("friction", joint.friction),
+    ];
+    let attributes: String = attributes.into_iter().flatten().collect();
+    let element = match attributes.is_empty() {
+        true => String::new(),
+        false => format!("<dynamics{attributes}/>"),
+    };
+    if let Some(old) = old {
+        let indent = indent(text, old.range().start);
+        let note = comment(&joint.source, &indent);
+        return Some((old.range(), format!("{}\n{indent}{element}", note.trim())));
+    }
+    let range = node.range();
+    let end = range.start + text[range.clone()].rfind("</")?;
+    let indent = format!("{}  ", indent(text, range.start));
+    let mut note = comment(&joint.source, &indent);
+    if !element.is_empty() {
+        note.push_str(&format!("{indent}{element}\n"));
+    }
+    // before the line of the end tag, or before the tag if there is other text on its line
+    let line = text[..end].rfind('\n').map_or(0, |at| at + 1);
+    Some(match text[line..end].trim().is_empty() {
+        true => (line..line, note),
+        false => (end..end, format!("\n{note}")),
+    })
 }
 
 fn child<'a>(node: &Node<'a, 'a>, tag: &str) -> Option<Node<'a, 'a>> {

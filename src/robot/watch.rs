@@ -75,13 +75,16 @@ impl RobotIdentifier {
             return;
         }
         let Some(mut watch) = self.watch.take() else { return };
-        let suspect = match self.prepare(&mut watch, slices) {
-            true => self.judge(&mut watch, slices),
-            false => None,
-        };
-        let found = suspect.filter(|(suspect, slices)| self.explain(&mut watch, *suspect, *slices).is_some());
+        let mut found = None;
+        if self.prepare(&mut watch, slices)
+            && let Some((suspect, slices)) = self.judge(&mut watch, slices)
+            && self.prepare(&mut watch, slices)
+            && self.fit(&mut watch, suspect)
+        {
+            found = Some(suspect);
+        }
         self.watch = Some(watch);
-        if let Some((suspect, _)) = found {
+        if let Some(suspect) = found {
             self.take_over(suspect, now_s);
         }
     }
@@ -241,25 +244,21 @@ impl RobotIdentifier {
         })
     }
 
-    /// Estimates the changed machine from the last slices.
-    fn explain(&mut self, watch: &mut Watch, suspect: Suspect, slices: usize) -> Option<()> {
-        if !self.prepare(watch, slices) {
-            return None;
-        }
-        self.fit(watch, suspect)
-    }
-
-    /// Estimates the machine in the window, if this suspect has changed.
-    fn fit(&self, watch: &mut Watch, suspect: Suspect) -> Option<()> {
+    /// Estimates the machine in the window as if this suspect had changed. Returns false and keeps
+    /// the previous estimate if it cannot be solved.
+    fn fit(&self, watch: &mut Watch, suspect: Suspect) -> bool {
         let extra = self.extra(suspect, &watch.friction_std, &watch.gains);
-        watch.evidence.weigh(&self.system, &watch.data, &self.fixed, extra)?;
+        let fitted = watch.evidence.weigh(&self.system, &watch.data, &self.fixed, extra);
+        if fitted.is_none() {
+            return false;
+        }
         // The step from the previous estimate, as a step of the arm's parameters.
         self.effective_if(self.is_loaded, &watch.evidence.delta, &mut watch.changed);
         extra.add(&watch.evidence.extra, &mut watch.changed);
         for (changed, effective) in watch.changed.iter_mut().zip(&watch.effective) {
             *changed += effective;
         }
-        Some(())
+        true
     }
 
     /// Adopts a change: data before its instant are used for the old machine, data after it for the
@@ -267,40 +266,14 @@ impl RobotIdentifier {
     fn take_over(&mut self, suspect: Suspect, now_s: f64) {
         let Some(mut watch) = self.watch.take() else { return };
         let begin = self.pending.get(0).begin_s;
-        // blocks since then were compared with the old machine
-        if let Some(levels) = self.levels.before(begin) {
-            let joints = self.torque_std.len();
-            self.torque_std.copy_from_slice(&levels.torque_std[..joints]);
-            self.inflation.copy_from_slice(&levels.inflation[..joints]);
-        }
+        self.restore_levels(begin);
         let half = 0.5 * REACH * self.options.windows.length_s;
-        let mut t_s = begin;
-        // Twice, because windows that contain both machines spoil the first fit.
-        for _ in 0..2 {
-            t_s = locate(
-                &self.ring,
-                begin,
-                &watch.effective,
-                &watch.changed,
-                &self.torque_std,
-                |j| self.wide.columns(j),
-            );
-            self.sum_up(&mut watch.window, |t| t >= t_s + half);
-            self.weigh_window(&mut watch);
-            // If it cannot be solved, the previous fit stays.
-            let _unsolved = self.fit(&mut watch, suspect).is_none();
+        let t_s = self.find_instant(&mut watch, suspect, begin, half);
+        // the rows refer to the old machine
+        for (changed, effective) in watch.changed.iter_mut().zip(&watch.effective) {
+            *changed -= effective;
         }
-        let before = |t: f64| t >= begin && t < t_s - half;
-        let behind = |t: f64| t >= t_s + half;
-        let level = |j: usize| self.torque_std[j] * self.inflation[j];
-        let arm = watch.changed.len();
-        for i in 0..arm {
-            watch.changed[i] -= watch.effective[i];
-        }
-        let is_explained = watch.window.iter().enumerate().all(|(j, sums)| {
-            let allowed = (UNEXPLAINED * level(j)).powi(2) * sums.rows as f64;
-            sums.residual_square(&watch.changed) <= allowed
-        });
+        let is_explained = self.fits_window(&watch);
         let cause = match suspect {
             _ if !is_explained => ChangeCause::Unexplained,
             Suspect::Payload => ChangeCause::Payload,
@@ -309,7 +282,7 @@ impl RobotIdentifier {
         self.condense();
         self.pending.clear();
         self.block_slices = usize::from(is_explained);
-        self.sum_up(&mut watch.window, before);
+        self.sum_up(&mut watch.window, |t| t >= begin && t < t_s - half);
         for joint in 0..watch.window.len() {
             if watch.window[joint].rows > 0 {
                 let weight = self.weight(joint);
@@ -325,7 +298,7 @@ impl RobotIdentifier {
         if is_explained {
             let kept = self.pending.push(t_s);
             let mut sums = std::mem::take(&mut kept.sums);
-            self.sum_up(&mut sums, behind);
+            self.sum_up(&mut sums, |t| t >= t_s + half);
             if inquires {
                 watch.inquiry.take(&sums);
             }
@@ -346,6 +319,46 @@ impl RobotIdentifier {
             found_s: now_s,
         });
         self.watch = Some(watch);
+    }
+
+    /// Restores the noise levels of before `begin`: blocks since then were compared with the old
+    /// machine.
+    fn restore_levels(&mut self, begin: f64) {
+        if let Some(levels) = self.levels.before(begin) {
+            let joints = self.torque_std.len();
+            self.torque_std.copy_from_slice(&levels.torque_std[..joints]);
+            self.inflation.copy_from_slice(&levels.inflation[..joints]);
+        }
+    }
+
+    /// The instant of a change after `begin`; fits the machine to the rows that begin after it.
+    /// A window reaches `half` to either side.
+    fn find_instant(&mut self, watch: &mut Watch, suspect: Suspect, begin: f64, half: f64) -> f64 {
+        let mut t_s = begin;
+        // twice, because windows that contain both machines spoil the first fit
+        for _ in 0..2 {
+            t_s = locate(
+                &self.ring,
+                begin,
+                &watch.effective,
+                &watch.changed,
+                &self.torque_std,
+                |j| self.wide.columns(j),
+            );
+            self.sum_up(&mut watch.window, |t| t >= t_s + half);
+            self.weigh_window(watch);
+            self.fit(watch, suspect);
+        }
+        t_s
+    }
+
+    /// True if the rows of the window fit the machine with the difference in `changed`.
+    fn fits_window(&self, watch: &Watch) -> bool {
+        watch.window.iter().enumerate().all(|(j, sums)| {
+            let level = self.torque_std[j] * self.inflation[j];
+            let allowed = (UNEXPLAINED * level).powi(2) * sums.rows as f64;
+            sums.residual_square(&watch.changed) <= allowed
+        })
     }
 
     /// Changes or removes the payload.

@@ -62,7 +62,7 @@ impl DriveInput {
 static LINEAR: [Parameter; SERVO_PARAMS] = [
     Parameter::positive("mass", "kg", "everything that moves with the axis", 50.0),
     Parameter::positive("viscous_friction", "N s/m", "friction that grows with speed", 100.0),
-    Parameter::positive("coulomb_friction", "N", "friction that does not", 10.0),
+    Parameter::positive("coulomb_friction", "N", "friction that is the same at any speed", 10.0),
     Parameter::new(
         "offset",
         "N",
@@ -74,7 +74,7 @@ static LINEAR: [Parameter; SERVO_PARAMS] = [
 static ROTARY: [Parameter; SERVO_PARAMS] = [
     Parameter::positive("mass", "kg m^2", "moment of inertia of everything that moves", 1.0),
     Parameter::positive("viscous_friction", "N m s/rad", "friction that grows with speed", 1.0),
-    Parameter::positive("coulomb_friction", "N m", "friction that does not", 1.0),
+    Parameter::positive("coulomb_friction", "N m", "friction that is the same at any speed", 1.0),
     Parameter::new(
         "offset",
         "N m",

@@ -22,10 +22,9 @@ pub struct LogCounts {
     pub first_refused: Option<u64>,
     /// Line of the first irregular row.
     pub first_irregular: Option<u64>,
-    /// Number of sample periods between consecutive rows without a long gap, and their total time
-    /// span \[ns\].
+    /// Number of sample periods between consecutive rows without a long gap.
     pub periods: u64,
-    /// See `periods`.
+    /// Their total time span \[ns\].
     pub periods_span_ns: u64,
     /// Configured sample period \[ns\].
     pub period_ns: u64,
@@ -65,10 +64,10 @@ impl std::fmt::Display for LogCounts {
             write!(f, ", {} irregularly timed (the first in line {line})", self.irregular)?;
         }
         if let Some(mean_ns) = self.other_period_ns() {
-            let (mean, told) = (mean_ns * 1e-9, self.period_ns as f64 * 1e-9);
+            let (mean, configured) = (mean_ns * 1e-9, self.period_ns as f64 * 1e-9);
             write!(
                 f,
-                ", {mean:.6} s apart on average and not {told} s: set plant.sample_period_s to it"
+                ", {mean:.6} s apart on average and not {configured} s: set plant.sample_period_s to it"
             )?;
         }
         Ok(())

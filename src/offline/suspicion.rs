@@ -324,7 +324,7 @@ pub fn judge_header(line: &str) -> Option<Suspicion> {
 /// The likely mistake in a field that should be a number.
 pub fn judge_field(column: &str, field: &str) -> Option<Suspicion> {
     let digits = |text: &str, n: usize| text.len() >= n && text.bytes().take(n).all(|b| b.is_ascii_digit());
-    let told = || crate::words::cut(field, 40);
+    let shown = || crate::words::cut(field, 40);
     // 2026-11-21…, 21.11.2026…, 11/21/2026, 08:15:30; but 1.5e-3 m is a number with its unit
     let parts: Vec<&str> = field.splitn(4, ['-', '/', ':', '.']).collect();
     let whole = |part: &&str| (1..=4).contains(&part.len()) && part.bytes().all(|b| b.is_ascii_digit());
@@ -332,7 +332,7 @@ pub fn judge_field(column: &str, field: &str) -> Option<Suspicion> {
     if date {
         return Some(Suspicion::Dates {
             column: column.to_owned(),
-            field: told(),
+            field: shown(),
         });
     }
     if let Some(separator) = [';', '\t'].into_iter().find(|c| field.contains(*c)) {
@@ -341,11 +341,11 @@ pub fn judge_field(column: &str, field: &str) -> Option<Suspicion> {
     let comma = field.split_once(',');
     let decimal = comma.is_some_and(|(a, b)| digits(a.trim_start_matches(['-', '+']), 1) && digits(b, 1));
     if decimal {
-        return Some(Suspicion::DecimalComma { field: told() });
+        return Some(Suspicion::DecimalComma { field: shown() });
     }
     field.parse::<f64>().is_err().then(|| Suspicion::NoNumber {
         column: column.to_owned(),
-        field: told(),
+        field: shown(),
     })
 }
 

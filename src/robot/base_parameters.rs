@@ -239,9 +239,7 @@ impl BaseParameters {
             })
             .collect()
     }
-}
 
-impl BaseParameters {
     /// K of (3) by rows: for each base parameter the standard parameters with their factors.
     pub fn rows(&self) -> impl Iterator<Item = impl Iterator<Item = (Standard, f64)> + '_> + '_ {
         self.parameters

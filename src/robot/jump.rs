@@ -2,8 +2,8 @@
 //!
 //! ```text
 //! m = Δq_k − ½ (q̇_k + q̇_{k−1}) Δt                                                              (1)
-//! s = Δq_k − Δq_{k−1}        less whole turns (an encoder may wrap), Δq_{k−1} less its jump     (2)
-//! l = max(LEAST, COUNTS · least |Δq| but 0)                                                    (3)
+//! s = Δq_k − Δq_{k−1}        minus whole turns (an encoder may wrap); Δq_{k−1} without its jump (2)
+//! l = max(LEAST, COUNTS · smallest |Δq| > 0)                                                   (3)
 //! jump by s:   |m| > max(l, LOUD · mean |m|),   |s| > l,   m/s > SHARE                         (4)
 //! slipped:     |Σ s| > LEAST over the jumps of a joint                                         (5)
 //! wrong time:  Σ Δq_k·Δq_{k−1} < ALIKE · max(Σ Δq_k², Σ Δq²_{k−1}) over the other joints         (6)

@@ -85,9 +85,7 @@ impl Drives {
         }
         tau
     }
-}
 
-impl Drives {
     /// Inputs of the drives for these torques or forces; solved for coupled joints, 0 if their
     /// matrix is singular.
     pub fn inputs(&self, tau: &[f64; MAX_JOINTS]) -> [f64; MAX_JOINTS] {

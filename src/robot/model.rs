@@ -80,9 +80,9 @@ impl Meaningful {
 
 /// Standard deviations that cover any error of a zero or of the base \[rad\], and any delay \[s\].
 const ANGLE_SCALE: f64 = 0.1;
+const DELAY_SCALE: f64 = 0.02;
 /// Factor on the speed of Stribeck friction, up or down, of the two columns that stand for another.
 const STRIBECK_FACTOR: f64 = 3.0;
-const DELAY_SCALE: f64 = 0.02;
 
 /// Origin of a column of a joint's row.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -18,7 +18,7 @@ use super::motion_table::MotionTable;
 use super::rows::WeakRows;
 use super::state::RobotSample;
 use super::sums::JointSums;
-use super::windows::WindowOptions;
+use super::windows::{WindowOptions, psi};
 use crate::estimator::linalg::Cholesky;
 
 /// Samples per window at which a motion is evaluated: the window is smooth, so more of them change
@@ -43,7 +43,6 @@ impl RowMisfit {
     /// (2): for torques with white noise only; `std` is that of one sample at each joint.
     pub fn white(std: &[f64], sample_period_s: f64, windows: &WindowOptions) -> Self {
         const STEPS: i32 = 400;
-        let psi = |x: f64| if x.abs() < 1.0 { (1.0 - x * x).powi(4) } else { 0.0 };
         let step = 2.0 / f64::from(STEPS);
         let overlap = |lag: f64| -> f64 {
             (0..STEPS)

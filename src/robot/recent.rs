@@ -168,7 +168,7 @@ impl SliceRing {
         self.len -= count;
     }
 
-    /// Replaces the sums of the newest slices.
+    /// Replaces the sums of the newest slice.
     pub fn replace_newest(&mut self, sums: Vec<JointSums>) {
         let room = self.slices.len();
         self.slices[(self.next + room - 1) % room].sums = sums;

@@ -113,10 +113,10 @@ impl TooFarApart {
     }
 }
 
-/// Windows of ten periods bridge two; they are the shortest with a few samples on either side.
 impl fmt::Display for TooFarApart {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { period_s, max_gap_s } = self;
+        // the shortest window with a few samples on either side of its middle
         let (window_s, gap_s) = (10.0 * period_s, 2.0 * period_s);
         write!(
             f,

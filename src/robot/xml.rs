@@ -1,6 +1,6 @@
 //! Elements of a URDF with their place in the text, and typed reading of their attributes.
 
-use super::error::UrdfError;
+use super::error::{FILE, UrdfError};
 use nalgebra::Vector3;
 use roxmltree::{Document, Node, ParsingOptions};
 
@@ -17,7 +17,7 @@ pub(super) fn parse(text: &str) -> Result<Document<'_>, UrdfError> {
     if text.len() > MAX_BYTES {
         return Err(UrdfError::new(
             None,
-            "the file",
+            FILE,
             format!("at most {MAX_BYTES} bytes"),
             format!("{} bytes", text.len()),
         ));
@@ -28,7 +28,7 @@ pub(super) fn parse(text: &str) -> Result<Document<'_>, UrdfError> {
     };
     Document::parse_with_options(text, options).map_err(|e| {
         let line = Some(e.pos().row as usize);
-        UrdfError::new(line, "the file", "well-formed XML", format!("an error: {e}"))
+        UrdfError::new(line, FILE, "well-formed XML", format!("an error: {e}"))
     })
 }
 

@@ -148,17 +148,7 @@ impl AutoWindowBlock {
             .collect::<Result<_, _>>()?;
         Ok(self)
     }
-}
 
-/// The block whose window has the smallest ratio to a length.
-fn nearest(blocks: &[ProjectedBlock], window_s: f64) -> usize {
-    let distance = |block: &ProjectedBlock| (block.options().window_s / window_s).ln().abs();
-    let better = |a: &(usize, f64), b: &(usize, f64)| a.1.total_cmp(&b.1);
-    let all = blocks.iter().map(distance).enumerate();
-    all.min_by(better).map_or(0, |(index, _)| index)
-}
-
-impl AutoWindowBlock {
     fn own(&self) -> &ProjectedBlock {
         &self.blocks[self.active]
     }
@@ -219,6 +209,14 @@ impl AutoWindowBlock {
             self.advised = advised;
         }
     }
+}
+
+/// The block whose window has the smallest ratio to a length.
+fn nearest(blocks: &[ProjectedBlock], window_s: f64) -> usize {
+    let distance = |block: &ProjectedBlock| (block.options().window_s / window_s).ln().abs();
+    let better = |a: &(usize, f64), b: &(usize, f64)| a.1.total_cmp(&b.1);
+    let all = blocks.iter().map(distance).enumerate();
+    all.min_by(better).map_or(0, |(index, _)| index)
 }
 
 impl Residuals for AutoWindowBlock {

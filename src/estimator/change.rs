@@ -197,38 +197,32 @@ impl GroupState {
         let (mut t, mut rank) = (0.0, 0);
         clusters.begin();
         room.gradient.fill(0.0);
-        for k in 0..n {
+        for k in (0..n).filter(|&k| informs(eigen.values[k])) {
             let b = eigen.values[k];
-            if informs(b) {
-                let c: f64 = (0..n).map(|i| eigen.vectors[i * n + k] * room.offset[i]).sum();
-                clusters.add(b, c, |i| {
-                    (0..n).map(|j| root[i * n + j] * eigen.vectors[j * n + k]).sum()
-                });
-                let unit = c / (b * (1.0 + b)).sqrt();
-                t += unit * unit;
-                room.gradient[rank] = unit;
-                rank += 1;
-            }
+            let c: f64 = (0..n).map(|i| eigen.vectors[i * n + k] * room.offset[i]).sum();
+            clusters.add(b, c, |i| {
+                (0..n).map(|j| root[i * n + j] * eigen.vectors[j * n + k]).sum()
+            });
+            let unit = c / (b * (1.0 + b)).sqrt();
+            t += unit * unit;
+            room.gradient[rank] = unit;
+            rank += 1;
         }
+        // q_kᵀ Lᵀ w
+        let along = |k: usize, w: &[f64]| -> f64 {
+            let rooted = |j: usize| (0..n).map(|i| root[i * n + j] * w[i]).sum::<f64>();
+            (0..n).map(|j| eigen.vectors[j * n + k] * rooted(j)).sum()
+        };
         t -= self.considered.explained(
             &room.gradient[..rank],
             &room.noise,
             &room.total,
             curvature,
             |w, image| {
-                let mut place = 0;
-                for k in 0..n {
+                let informing = (0..n).filter(|&k| informs(eigen.values[k]));
+                for (image, k) in image.iter_mut().zip(informing) {
                     let b = eigen.values[k];
-                    if informs(b) {
-                        let along: f64 = (0..n)
-                            .map(|j| {
-                                let own: f64 = (0..n).map(|i| root[i * n + j] * w[i]).sum();
-                                eigen.vectors[j * n + k] * own
-                            })
-                            .sum();
-                        image[place] = along / (b * (1.0 + b)).sqrt();
-                        place += 1;
-                    }
+                    *image = along(k, w) / (b * (1.0 + b)).sqrt();
                 }
             },
         );

@@ -36,6 +36,8 @@ pub struct BatchReport {
 /// Diagonal entries of R below this share of the first are rounding: about a hundred rounding units
 /// for thousands of rows.
 const RANK_TOLERANCE: f64 = 1e-11;
+/// How often a step is halved before the fit gives up.
+const HALVINGS: usize = 30;
 
 /// Minimises the sum of squares over all rows from `theta_start`, by at most `max_iterations`
 /// linearisations; one is enough for models linear in θ. A step that does not lower the cost is
@@ -92,24 +94,10 @@ pub fn batch_least_squares<R: Residuals>(
             break;
         }
         report.iterations += 1;
-        let start = theta.clone();
-        let mut fraction = 1.0;
-        let mut accepted = false;
-        for _ in 0..30 {
-            for (i, t) in theta.iter_mut().enumerate() {
-                *t = start[i] + fraction * solution.step[i];
-            }
-            let candidate = stack.fill(structure, rows, &theta);
-            if candidate <= cost * (1.0 + 1e-12) {
-                cost = candidate;
-                accepted = true;
-                break;
-            }
-            fraction *= 0.5;
-        }
-        if !accepted {
-            // only rounding is left: keep the best
-            theta = start;
+        if let Some(lower) = stack.descend(structure, rows, &mut theta, &solution.step, cost) {
+            cost = lower;
+        } else {
+            // only rounding is left
             cost = stack.fill(structure, rows, &theta);
             report.theta_std = stack.solve().standard_deviations(cost, stack.rows);
             report.converged = true;
@@ -178,6 +166,32 @@ impl Stack {
         } else {
             f64::NAN
         }
+    }
+
+    /// Takes a step, halved until the cost is no higher than `cost`; returns the new cost. `None`
+    /// if it never is: then θ keeps its value, but the stack is that of the last trial.
+    fn descend<R: Residuals>(
+        &mut self,
+        structure: &Structure,
+        rows: &R,
+        theta: &mut [f64],
+        step: &[f64],
+        cost: f64,
+    ) -> Option<f64> {
+        let start = theta.to_vec();
+        let mut fraction = 1.0;
+        for _ in 0..HALVINGS {
+            for (i, t) in theta.iter_mut().enumerate() {
+                *t = start[i] + fraction * step[i];
+            }
+            let candidate = self.fill(structure, rows, theta);
+            if candidate <= cost * (1.0 + 1e-12) {
+                return Some(candidate);
+            }
+            fraction *= 0.5;
+        }
+        theta.copy_from_slice(&start);
+        None
     }
 
     fn solve(&self) -> Solution {

@@ -84,6 +84,7 @@ impl RowRing {
         (at, &self.instants[at])
     }
 
+    /// The regressor of a joint at the instant with this index; `len` is its number of columns.
     pub fn regressor(&self, at: usize, joint: usize, len: usize) -> &[f64] {
         let begin = at * self.entries + self.offsets[joint];
         &self.regressors[begin..begin + len]

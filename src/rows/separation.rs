@@ -87,21 +87,13 @@ impl Separation {
         if own.is_empty() {
             return None;
         }
-        let all = std::iter::once(Monomial::One)
-            .chain(own.clone().map(Monomial::Linear))
-            .chain(
-                own.clone()
-                    .flat_map(|i| (i..own.end).map(move |j| Monomial::Product(i, j))),
-            );
-        let table: Vec<Coefficients> = all
-            .map(|monomial| {
-                let at = probes
-                    .iter()
-                    .map(|p| coefficient(plant, equation, monomial, &p.q, &p.dq))
-                    .collect();
-                (monomial, at)
-            })
-            .collect();
+        let coefficients = |monomial: Monomial| -> Coefficients {
+            let at = probes
+                .iter()
+                .map(|p| coefficient(plant, equation, monomial, &p.q, &p.dq));
+            (monomial, at.collect())
+        };
+        let table: Vec<Coefficients> = Monomial::all(own).map(coefficients).collect();
         if !reproduces(&table, plant, equation, probes) {
             return None;
         }
@@ -116,14 +108,7 @@ impl Separation {
                     continue;
                 }
                 present.push((*monomial, d));
-                let index = polynomial
-                    .monomials
-                    .iter()
-                    .position(|m| m == monomial)
-                    .unwrap_or_else(|| {
-                        polynomial.monomials.push(*monomial);
-                        polynomial.monomials.len() - 1
-                    });
+                let index = polynomial.index_of(*monomial);
                 if let Some(slopes) = constant_slopes(plant, equation, *monomial, d, probes, at) {
                     for (joint, &coefficient) in slopes.iter().enumerate().filter(|(_, a)| **a != 0.0) {
                         polynomial.velocity.push(VelocityTerm {

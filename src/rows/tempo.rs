@@ -9,8 +9,9 @@
 //! EMF, in V s/rad, has r = 1, an inertia 2. The r are found by least squares over random states
 //! and parameters; a plant whose terms have a fixed time scale has none.
 
+use super::passes::{Terms, terms};
 use super::probes::probes;
-use crate::model::{AnyPlant, Number};
+use crate::model::AnyPlant;
 use nalgebra::{DMatrix, DVector};
 
 /// Relative step of the differences, whose error is its square.
@@ -24,37 +25,21 @@ pub(super) fn tempo(plant: &dyn AnyPlant) -> Option<Vec<f64>> {
     let (mut columns, mut sides) = (Vec::new(), Vec::new());
     for probe in probes(plant) {
         for (e, equation) in plant.equations().iter().enumerate() {
-            let terms = |scale: f64, theta: &[f64]| {
-                let dq = probe.dq.map(|dq| dq * scale);
-                let joints = plant.joints();
-                let mut g = [0.0; 8];
-                f64::terms(
-                    plant,
-                    e,
-                    &probe.q[..joints],
-                    &dq[..joints],
-                    theta,
-                    &mut g[..=equation.order],
-                );
-                g
+            let at_speed = |s: f64| terms(plant, e, &probe.q, &probe.dq.map(|dq| dq * s), &probe.theta);
+            let with_parameter = |i: usize, factor: f64| {
+                let mut theta = probe.theta.clone();
+                theta[i] *= factor;
+                terms(plant, e, &probe.q, &probe.dq, &theta)
             };
-            let slope = |more: [f64; 8], less: [f64; 8]| -> [f64; 8] {
-                std::array::from_fn(|d| (more[d] - less[d]) / (2.0 * STEP))
-            };
-            let still = terms(1.0, &probe.theta);
-            let faster = slope(terms(1.0 + STEP, &probe.theta), terms(1.0 - STEP, &probe.theta));
-            let grown: Vec<[f64; 8]> = (0..count)
-                .map(|i| {
-                    let with = |factor: f64| {
-                        let mut theta = probe.theta.clone();
-                        theta[i] *= factor;
-                        terms(1.0, &theta)
-                    };
-                    slope(with(1.0 + STEP), with(1.0 - STEP))
-                })
+            let slope =
+                |more: Terms, less: Terms| -> Terms { std::array::from_fn(|d| (more[d] - less[d]) / (2.0 * STEP)) };
+            let unchanged = at_speed(1.0);
+            let faster = slope(at_speed(1.0 + STEP), at_speed(1.0 - STEP));
+            let grown: Vec<Terms> = (0..count)
+                .map(|i| slope(with_parameter(i, 1.0 + STEP), with_parameter(i, 1.0 - STEP)))
                 .collect();
             for d in 0..=equation.order {
-                let side = faster[d] + d as f64 * still[d];
+                let side = faster[d] + d as f64 * unchanged[d];
                 let size = grown.iter().map(|g| g[d].abs()).sum::<f64>() + side.abs();
                 if size > 0.0 {
                     columns.extend(grown.iter().map(|g| g[d] / size));

@@ -4,6 +4,8 @@
 //! g_d(q, q̇; θ) = Σ_m μ_m(θ) [Σ_j a_{d,m,j} q̇_j + b_{d,m}(q, q̇)]        μ_m ∈ {1, θ_i, θ_i θ_j}
 //! ```
 
+use std::ops::Range;
+
 /// One more than the highest derivative d of a term: linear terms are integrated by parts once
 /// more.
 pub(super) const MAX_ORDER: usize = 3;
@@ -17,6 +19,17 @@ pub(super) enum Monomial {
 }
 
 impl Monomial {
+    /// Those of degree 2 at most in these parameters.
+    pub fn all(parameters: Range<usize>) -> impl Iterator<Item = Self> {
+        let end = parameters.end;
+        let products = parameters
+            .clone()
+            .flat_map(move |i| (i..end).map(move |j| Self::Product(i, j)));
+        std::iter::once(Self::One)
+            .chain(parameters.map(Self::Linear))
+            .chain(products)
+    }
+
     #[inline]
     pub fn value(self, theta: &[f64]) -> f64 {
         match self {
@@ -51,4 +64,15 @@ pub(super) struct Polynomial {
     pub monomials: Vec<Monomial>,
     pub velocity: Vec<VelocityTerm>,
     pub features: Vec<FeatureTerm>,
+}
+
+impl Polynomial {
+    /// Index of a monomial, which is added if it is new.
+    pub fn index_of(&mut self, monomial: Monomial) -> usize {
+        let known = self.monomials.iter().position(|m| *m == monomial);
+        known.unwrap_or_else(|| {
+            self.monomials.push(monomial);
+            self.monomials.len() - 1
+        })
+    }
 }

@@ -1,7 +1,8 @@
 //! Finds by evaluation which terms a plant's equations have: friction with a jump, a constant, a
 //! spring, an inertia.
 
-use crate::model::{AnyPlant, MAX_JOINTS, Number};
+use super::passes::{Terms, terms};
+use crate::model::{AnyPlant, MAX_JOINTS};
 
 /// Parameters that are all different from 0.
 fn some_theta(plant: &dyn AnyPlant) -> Vec<f64> {
@@ -13,18 +14,12 @@ fn some_theta(plant: &dyn AnyPlant) -> Vec<f64> {
 /// something similar.
 pub(super) fn has_jump(plant: &dyn AnyPlant, equation: usize, joint: usize) -> bool {
     let theta = some_theta(plant);
-    let order = plant.equations()[equation].order;
-    let step = |speed: f64| {
-        let side = |speed: f64| {
-            let (q, mut dq) = ([0.3; MAX_JOINTS], [0.0; MAX_JOINTS]);
-            dq[joint] = speed;
-            let mut g = [0.0; 8];
-            let joints = plant.joints();
-            f64::terms(plant, equation, &q[..joints], &dq[..joints], &theta, &mut g[..=order]);
-            g[0]
-        };
-        (side(speed) - side(-speed)).abs()
+    let at = |speed: f64| {
+        let mut dq = [0.0; MAX_JOINTS];
+        dq[joint] = speed;
+        terms(plant, equation, &[0.3; MAX_JOINTS], &dq, &theta)[0]
     };
+    let step = |speed: f64| (at(speed) - at(-speed)).abs();
     // a continuous term shrinks with the speed
     step(1e-9) > 1e-3 * step(1e-3)
 }
@@ -44,30 +39,17 @@ pub(super) fn term(
     shape: impl Fn(&[f64], &[f64]) -> f64,
 ) -> Option<(usize, f64)> {
     let start = some_theta(plant);
-    let order = plant.equations()[equation].order;
-    let joints = plant.joints();
     let positions = |state: f64| std::array::from_fn::<f64, MAX_JOINTS, _>(|j| (state * (1.0 + j as f64)).sin());
     let velocities = |state: f64| std::array::from_fn::<f64, MAX_JOINTS, _>(|j| (1.7 * state * (1.0 + j as f64)).cos());
-    let terms = |state: f64, theta: &[f64]| {
-        let mut g = [0.0; 8];
-        f64::terms(
-            plant,
-            equation,
-            &positions(state)[..joints],
-            &velocities(state)[..joints],
-            theta,
-            &mut g[..=order],
-        );
-        g
-    };
+    let at = |state: f64, theta: &[f64]| terms(plant, equation, &positions(state), &velocities(state), theta);
     plant.equations()[equation].parameters.clone().find_map(|k| {
         let mut moved = start.clone();
         moved[k] += 1e-3 * start[k].abs();
         // ∂g/∂θ_k divided by the function
-        let factor = |state: f64| {
-            let (from, to) = (terms(state, &start), terms(state, &moved));
+        let factor = |state: f64| -> Terms {
+            let (from, to) = (at(state, &start), at(state, &moved));
             let divisor = (moved[k] - start[k]) * shape(&positions(state), &velocities(state));
-            std::array::from_fn::<f64, 8, _>(|r| (to[r] - from[r]) / divisor)
+            std::array::from_fn(|r| (to[r] - from[r]) / divisor)
         };
         let first = factor(0.3)[d];
         let is_same = |state: f64| {

@@ -43,8 +43,9 @@
 //! whose instant is known remain.
 
 use super::noise::SignalNoise;
+use super::passes::terms;
 use super::whitening::Whitening;
-use crate::model::{AnyPlant, MAX_JOINTS, MAX_PARAMS, Number};
+use crate::model::{AnyPlant, MAX_JOINTS, MAX_PARAMS};
 use std::ops::Range;
 
 /// Share of a window that a rest must last.
@@ -72,21 +73,15 @@ pub(super) fn motion_needed(plant: &dyn AnyPlant) -> Vec<u32> {
     let named = |e: usize| plant.equations()[e].motion;
     let joints = plant.joints().min(MAX_JOINTS);
     (0..plant.equations().len())
-        .map(|e| (0..joints).fold(named(e), |mask, j| mask | u32::from(jumps(plant, e, j)) << j))
+        .map(|e| (0..joints).fold(named(e), |mask, j| mask | u32::from(jumps(plant, e, j, 0)) << j))
         .collect()
 }
 
-/// True if a term of the equation jumps as joint `joint` reverses.
-fn jumps(plant: &dyn AnyPlant, equation: usize, joint: usize) -> bool {
-    jumps_from(plant, equation, joint, 0)
-}
-
-/// The same for terms differentiated `least` times or more, at one of a few states and parameter
-/// values.
-fn jumps_from(plant: &dyn AnyPlant, equation: usize, joint: usize, least: usize) -> bool {
+/// True if a term of the equation that is differentiated `least` times or more jumps as the joint
+/// reverses, at one of a few states and parameter values.
+fn jumps(plant: &dyn AnyPlant, equation: usize, joint: usize, least: usize) -> bool {
     let params = plant.parameters().len().min(MAX_PARAMS);
-    let joints = plant.joints().min(MAX_JOINTS);
-    let terms = plant.equations()[equation].order + 1;
+    let order = plant.equations()[equation].order;
     (0..4).any(|probe| {
         // irregular numbers of order 1, so that nothing cancels
         let number = |i: usize| 0.3 + 0.7 * (1.7 * i as f64 + 2.9 * f64::from(probe)).sin().abs();
@@ -98,19 +93,10 @@ fn jumps_from(plant: &dyn AnyPlant, equation: usize, joint: usize, least: usize)
         let at = |velocity: f64| {
             let mut dq: [f64; MAX_JOINTS] = std::array::from_fn(|j| number(20 + j) - 0.4);
             dq[joint] = velocity;
-            let mut g = [0.0; 4];
-            f64::terms(
-                plant,
-                equation,
-                &q[..joints],
-                &dq[..joints],
-                &theta[..params],
-                &mut g[..terms.min(4)],
-            );
-            g
+            terms(plant, equation, &q, &dq, &theta[..params])
         };
         let (back, forth, fast) = (at(-1e-7), at(1e-7), at(1.0));
-        (least..terms.min(4)).any(|d| {
+        (least..=order).any(|d| {
             let size = back[d].abs().max(forth[d].abs()).max(fast[d].abs());
             (forth[d] - back[d]).abs() > JUMP * size
         })
@@ -151,7 +137,7 @@ impl Standstill {
         let needed = motion.iter().fold(0, |all, mask| all | mask);
         let joints = plant.joints().min(MAX_JOINTS);
         let jump = |least: usize| {
-            let jumps = |j: &usize| (0..plant.equations().len()).any(|e| jumps_from(plant, e, *j, least));
+            let jumps = |j: &usize| (0..plant.equations().len()).any(|e| jumps(plant, e, *j, least));
             (0..joints).filter(jumps).fold(0, |mask, j| mask | 1 << j)
         };
         Self {
@@ -198,9 +184,10 @@ impl Standstill {
             false => usize::MAX,
         };
         let shortest = FEWEST.max((SHORTEST * 2.0 * self.half as f64).ceil() as usize);
-        let slow = match self.abrupt >> joint & 1 {
-            1 => (SLOW * 2.0 * self.half as f64) as usize,
-            _ => usize::MAX,
+        let slow = if self.abrupt >> joint & 1 == 1 {
+            (SLOW * 2.0 * self.half as f64) as usize
+        } else {
+            usize::MAX
         };
         let rests = &mut self.rests[joint];
         find(q, stretch, width, shortest, slow.min(unknown), |from, to| {
@@ -472,7 +459,7 @@ mod tests {
     #[test]
     fn val_terms_that_jump_are_found_and_smooth_ones_are_not() {
         let axis = ServoAxis::new(Motion::Linear, DriveInput::Force, 1.0).unwrap();
-        assert!(jumps(&axis, 0, 0));
+        assert!(jumps(&axis, 0, 0, 0));
         assert_eq!(motion_needed(&axis), [1]);
         assert_eq!(motion_needed(&Manipulator::default()), [0, 0]);
     }

@@ -19,9 +19,10 @@
 //! always contains the friction.
 
 use super::kernel::{Kernels, dot};
+use super::passes::terms;
 use super::present_terms::{has_term, term};
 use super::theta_polynomial::MAX_ORDER;
-use crate::model::{AnyPlant, MAX_JOINTS, Number};
+use crate::model::{AnyPlant, MAX_JOINTS};
 
 /// Speed \[rad/s or m/s\] of the central difference for c_d, exact for a term linear in it.
 const STEP: f64 = 1e-3;
@@ -116,25 +117,16 @@ impl ThroughDrive {
     pub fn sense(&mut self, plant: &dyn AnyPlant, theta: &[f64], q: &[Vec<f64>], len: usize) {
         let form = &plant.equations()[self.equation];
         let mut place = [0.0; MAX_JOINTS];
-        let joints = plant.joints();
         for (place, q) in place.iter_mut().zip(q) {
             *place = q[len / 2];
         }
-        let terms = |speed: f64| {
-            let (mut dq, mut g) = ([0.0; MAX_JOINTS], [0.0; MAX_ORDER + 1]);
+        let at = |speed: f64| {
+            let mut dq = [0.0; MAX_JOINTS];
             dq[self.joint] = speed;
-            f64::terms(
-                plant,
-                self.equation,
-                &place[..joints],
-                &dq[..joints],
-                theta,
-                &mut g[..=form.order],
-            );
-            g
+            terms(plant, self.equation, &place, &dq, theta)
         };
         // (1)
-        let (forward, backward) = (terms(STEP), terms(-STEP));
+        let (forward, backward) = (at(STEP), at(-STEP));
         let slope = |d: usize| (forward[d] - backward[d]) / (2.0 * STEP);
         let inertia = slope(1);
         self.size = (inertia / form.input_scale).abs();

@@ -171,51 +171,61 @@ impl ScoreTest {
         &self.moments
     }
 
-    /// C, m and M at the head of this file.
+    /// X and M at the head of this file.
     fn learn(&mut self) {
-        let room = self.std.len();
         self.moments.fill(0.0);
-        let (std, drifts) = (&self.std, self.drifts);
-        self.groups.iter_mut().for_each(|group| group.begin_excess(std, drifts));
+        let begin = |group: &mut GroupScores| group.begin_excess(&self.std, self.drifts);
+        self.groups.iter_mut().for_each(begin);
+        // twice, because m depends on X, and X on what m explains
         for _ in 0..2 {
-            let mut count = 0;
-            let considered = |s: &usize| std[*s] > 0.0;
-            for (row, s) in (0..room).filter(considered).enumerate() {
-                self.mean[row] = std[s] * self.groups.iter().map(|g| g.terms[s].score / g.excess).sum::<f64>();
-                count = row + 1;
-            }
-            for (row, s) in (0..room).filter(considered).enumerate() {
-                for (column, r) in (0..room).filter(considered).enumerate() {
-                    let unit = if s == r { 1.0 } else { 0.0 };
-                    let information = |g: &GroupScores| g.information[s * room + r] / g.excess;
-                    let information: f64 = self.groups.iter().map(information).sum();
-                    self.matrix[row * count + column] = unit + std[s] * std[r] * information;
-                }
-            }
-            if count == 0 || !self.factor.factor(count, &self.matrix[..count * count]) {
+            if !self.solve_posterior() {
                 break;
             }
-            self.factor.solve(&mut self.mean[..count]);
-            self.factor.inverse(&mut self.matrix[..count * count]);
-            for (row, s) in (0..room).filter(considered).enumerate() {
-                for (column, r) in (0..room).filter(considered).enumerate() {
-                    let second = self.matrix[row * count + column] + self.mean[row] * self.mean[column];
-                    self.moments[s * room + r] = std[s] * std[r] * second;
-                }
-            }
+            let considered = (0..self.std.len()).filter(|&s| self.std[s] > 0.0);
             for group in &mut self.groups {
-                let amplitudes = (0..room).filter(considered).zip(&self.mean);
-                let explained = amplitudes.map(|(s, mean)| mean * std[s] * group.terms[s].score).sum();
+                let amplitudes = considered.clone().zip(&self.mean);
+                let explained = amplitudes
+                    .map(|(s, mean)| mean * self.std[s] * group.terms[s].score)
+                    .sum();
                 group.learn_excess(explained);
             }
         }
-        for s in 0..room {
+        for s in 0..self.std.len() {
             let believed = self.believed(s).powi(2).max(self.seen_in_sums(s));
-            let own = &mut self.moments[s * room + s];
+            let own = &mut self.moments[s * self.std.len() + s];
             // a posterior that could not be factored leaves the prior
             let least = if *own > 0.0 { 0.0 } else { self.std[s] * self.std[s] };
             *own = own.max(believed).max(least);
         }
+    }
+
+    /// C, m and M of the terms with a prior, C and m in units of its standard deviations; false if
+    /// there are none, or C⁻¹ cannot be factored.
+    fn solve_posterior(&mut self) -> bool {
+        let (std, room) = (&self.std, self.std.len());
+        let considered = || (0..room).filter(|&s| std[s] > 0.0);
+        let count = considered().count();
+        for (row, s) in considered().enumerate() {
+            self.mean[row] = std[s] * self.groups.iter().map(|g| g.terms[s].score / g.excess).sum::<f64>();
+            for (column, r) in considered().enumerate() {
+                let unit = if s == r { 1.0 } else { 0.0 };
+                let information = |g: &GroupScores| g.information[s * room + r] / g.excess;
+                let information: f64 = self.groups.iter().map(information).sum();
+                self.matrix[row * count + column] = unit + std[s] * std[r] * information;
+            }
+        }
+        if count == 0 || !self.factor.factor(count, &self.matrix[..count * count]) {
+            return false;
+        }
+        self.factor.solve(&mut self.mean[..count]);
+        self.factor.inverse(&mut self.matrix[..count * count]);
+        for (row, s) in considered().enumerate() {
+            for (column, r) in considered().enumerate() {
+                let second = self.matrix[row * count + column] + self.mean[row] * self.mean[column];
+                self.moments[s * room + r] = std[s] * std[r] * second;
+            }
+        }
+        true
     }
 
     /// The likeliest term, if any is significant; `lags_as(s)` is the delay that term s looks like

@@ -469,23 +469,11 @@ impl RobotIdentifier {
         }
         self.figures
             .of_innovation(&self.block, &self.effective, &self.torque_std, &self.options.windows);
-        if !self.condensed {
-            if self.payload.is_none() {
-                for (total, block) in self.total.iter_mut().zip(&self.block) {
-                    total.add(block);
-                }
-            }
-            for _ in 0..ITERATIONS {
-                self.weigh_all();
-                self.solve_all();
-            }
-            self.solve_covariance();
-        } else {
-            self.walk_friction();
-            self.follow(changed);
-        }
+        self.learn_block(changed);
         self.figures.of_residual(&self.block, &self.effective);
-        if !changed {
+        if changed {
+            self.recent_rows.clear();
+        } else {
             let (recent, explained) = (&mut self.figures.recent, &mut self.figures.explained);
             let block = (&self.block[..], &self.effective[..]);
             self.recent_rows.explain(block, &self.torque_std, recent, explained);
@@ -495,9 +483,6 @@ impl RobotIdentifier {
             self.look_at_gains();
             self.look_for_drift();
             self.look_for_counts();
-        }
-        if changed {
-            self.recent_rows.clear();
         }
         self.look_for_impossibles();
         self.note_excitation();
@@ -512,6 +497,26 @@ impl RobotIdentifier {
         self.block_slices = 0;
         self.block.iter_mut().for_each(JointSums::clear);
         true
+    }
+
+    /// Estimates with the block: from all rows so far, or, once they are condensed, from their
+    /// information.
+    fn learn_block(&mut self, changed: bool) {
+        if self.condensed {
+            self.walk_friction();
+            self.follow(changed);
+            return;
+        }
+        if self.payload.is_none() {
+            for (total, block) in self.total.iter_mut().zip(&self.block) {
+                total.add(block);
+            }
+        }
+        for _ in 0..ITERATIONS {
+            self.weigh_all();
+            self.solve_all();
+        }
+        self.solve_covariance();
     }
 
     /// Prior standard deviation of a parameter.

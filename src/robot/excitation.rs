@@ -312,17 +312,7 @@ impl Excitation {
                 break;
             }
             let joints = match &best {
-                Some((_, best)) if tries >= drawn => {
-                    let mut joints = best.joints.clone();
-                    // One joint always, others sometimes: small changes succeed more often.
-                    let sure = (random.uniform() * joints.len() as f64) as usize;
-                    for (i, series) in joints.iter_mut().enumerate() {
-                        if i == sure || random.uniform() < 0.3 {
-                            series.step(length, &mut random);
-                        }
-                    }
-                    joints
-                }
+                Some((_, best)) if tries >= drawn => best.varied(length, &mut random),
                 _ => (0..options.ranges.len())
                     .map(|_| Series::draw(options.harmonics, &mut random))
                     .collect(),
@@ -347,14 +337,8 @@ impl Excitation {
         };
         gains.sort_by(f64::total_cmp);
         motion.random_gain = gains.get(gains.len() / 2).copied().unwrap_or(motion.gain);
-        for ((joint, range), effort) in forecaster
-            .model()
-            .robot()
-            .joints
-            .iter()
-            .zip(&options.ranges)
-            .zip(&motion.effort)
-        {
+        let joints = &forecaster.model().robot().joints;
+        for ((joint, range), effort) in joints.iter().zip(&options.ranges).zip(&motion.effort) {
             if *effort > range.effort {
                 return Err(MotionError::Effort {
                     joint: joint.name.clone(),
@@ -364,6 +348,19 @@ impl Excitation {
             }
         }
         Ok(motion)
+    }
+
+    /// The shapes with a change of one joint, and sometimes of others: small changes succeed more
+    /// often.
+    fn varied(&self, length: f64, random: &mut Random) -> Vec<Series> {
+        let mut joints = self.joints.clone();
+        let sure = (random.uniform() * joints.len() as f64) as usize;
+        for (i, series) in joints.iter_mut().enumerate() {
+            if i == sure || random.uniform() < 0.3 {
+                series.step(length, random);
+            }
+        }
+        joints
     }
 
     /// The motion of these shapes with (5), and its score.

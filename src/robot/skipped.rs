@@ -100,7 +100,7 @@ pub(crate) struct InOrder {
 
 impl InOrder {
     /// Takes the sample of a row, or skips and counts it.
-    pub fn take(&mut self, sample: RobotSample, line: usize, skipped: &mut SkippedRows) {
+    pub fn take(&mut self, sample: RobotSample, line: usize, counts: &mut SkippedRows) {
         let last = self.samples.last().map(|last| last.t_s);
         let Some(last_s) = last.filter(|last_s| sample.t_s <= *last_s) else {
             self.skipped = None;
@@ -115,7 +115,7 @@ impl InOrder {
                 self.samples.pop();
                 let ahead_line = std::mem::replace(&mut self.line, other_line);
                 // The row that is ahead is counted instead of the one that was.
-                if let Some(first) = skipped.first.as_mut().filter(|first| first.line == Some(other_line)) {
+                if let Some(first) = counts.first.as_mut().filter(|first| first.line == Some(other_line)) {
                     *first = LogError {
                         line: Some(ahead_line),
                         problem: format!(
@@ -128,7 +128,7 @@ impl InOrder {
                 self.push(sample, line);
             }
             None => {
-                skipped.skip(Skip::NotLater, line, || {
+                counts.skip(Skip::NotLater, line, || {
                     format!("expected a time after {last_s} s, got {} s", sample.t_s)
                 });
                 self.skipped = Some((sample, line));

@@ -59,7 +59,7 @@ struct Joint {
     driven: u64,
     /// The position while the input has been constant since the start.
     swings: Swings,
-    /// Over the whole stream.
+    /// Largest |u| and range of the position over the whole stream.
     peak: f64,
     range: (f64, f64),
     /// Share of about the last thousand samples in which the input changed.
@@ -212,6 +212,8 @@ impl FreezeWatch {
 }
 
 impl Joint {
+    /// True if the position or the input is frozen; `step` is the distance that the joint covers in
+    /// a period according to its measured velocity.
     #[inline]
     fn check(&mut self, q: f64, u: f64, step: f64, patience: u64) -> bool {
         if !self.seen {

@@ -80,12 +80,7 @@ fn empty(parameters: usize, joints: usize) -> Report {
 
 /// Fills the report after a block. `changed_before`: there was a change in the block before.
 fn fill(report: &mut Report, robot: &RobotIdentifier, learnt: bool, changed_before: bool) {
-    let n = robot.theta().len();
     report.theta.copy_from_slice(robot.theta());
-    (0..n).for_each(|i| report.theta_std[i] = robot.theta_std(i));
-    report.excited = Default::default();
-    report.usable = Default::default();
-    report.fixed = Default::default();
     report.held = (!learnt).then_some(Held::Empty);
     let change = robot.change().filter(|_| learnt);
     let unexplained = change.is_some_and(|change| change.cause == ChangeCause::Unexplained);
@@ -121,9 +116,17 @@ fn fill(report: &mut Report, robot: &RobotIdentifier, learnt: bool, changed_befo
     report.rows = figures.rows[..joints].iter().copied().max().unwrap_or(0);
     report.blocks = robot.blocks() as u64;
     (report.iterations, report.converged, report.outliers) = (1, true, 0);
-    let (mut rank, mut free) = (0, 0);
     let quiet = learnt && report.misfit == 0 && report.change.is_none() && !changed_before;
-    for i in 0..n {
+    fill_parameters(report, robot, learnt, quiet);
+}
+
+/// Fills in the standard deviations, which parameters are fixed, excited and usable, and the rank.
+/// A parameter is usable only in a `quiet` block.
+fn fill_parameters(report: &mut Report, robot: &RobotIdentifier, learnt: bool, quiet: bool) {
+    (report.excited, report.usable, report.fixed) = (0, 0, 0);
+    let (mut rank, mut free) = (0, 0);
+    for i in 0..robot.theta().len() {
+        report.theta_std[i] = robot.theta_std(i);
         if robot.is_fixed(i) {
             report.theta_std[i] = 0.0;
             mark(&mut report.fixed, i);
@@ -136,8 +139,8 @@ fn fill(report: &mut Report, robot: &RobotIdentifier, learnt: bool, changed_befo
         if learnt && report.excitation[i] >= EXCITED {
             mark(&mut report.excited, i);
         }
-        let means = robot.parameters()[i].range.holds(report.theta[i]);
-        if quiet && informed && means && 3.0 * std < USABLE * report.theta[i].abs() {
+        let is_possible = robot.parameters()[i].range.holds(report.theta[i]);
+        if quiet && informed && is_possible && 3.0 * std < USABLE * report.theta[i].abs() {
             mark(&mut report.usable, i);
         }
     }

@@ -264,7 +264,7 @@ impl CauseSearch {
             *compared = group.inquiry.compare(&group.fixed);
         }
         for k in 0..groups.len() {
-            let again = |c: &Comparison| c.is_nothing() && (settled || c.moves);
+            let again = |c: &Comparison| c.is_nothing() && (settled || c.informed);
             if self.lost >> k & 1 == 1 && self.compared[k].as_ref().is_some_and(again) {
                 self.leave_out(k, groups);
                 self.compared[k] = None;
@@ -273,8 +273,8 @@ impl CauseSearch {
         match self.find(groups) {
             None => {}
             Some(Found::Nothing(sure)) => {
-                self.withheld &= !self.asked(|_| true);
-                self.withheld |= self.asked(|_| true) & moved(groups);
+                self.withheld &= !self.compared_where(|_| true);
+                self.withheld |= self.compared_where(|_| true) & moved(groups);
                 self.ambiguous = self.withheld;
                 self.named = false;
                 if sure && settled && (self.withheld | on_its_way) == 0 {
@@ -283,7 +283,7 @@ impl CauseSearch {
             }
             Some(Found::Plant) => self.clear(groups),
             Some(Found::Everything) => {
-                self.withheld |= self.asked(|_| true);
+                self.withheld |= self.compared_where(|_| true);
                 (self.ambiguous, self.named) = (0, false);
             }
             Some(Found::Error(likely)) => self.suspect(&likely),
@@ -294,17 +294,17 @@ impl CauseSearch {
     }
 
     /// Groups that can be compared with their reference and for which `holds` is true.
-    fn asked(&self, holds: impl Fn(&Comparison) -> bool) -> u64 {
+    fn compared_where(&self, holds: impl Fn(&Comparison) -> bool) -> u64 {
         let compared = self.compared.iter().enumerate();
-        let asked = compared.filter(|(k, c)| self.lost >> k & 1 == 0 && c.as_ref().is_some_and(&holds));
-        asked.fold(0, |mask, (k, _)| mask | 1 << k)
+        let chosen = compared.filter(|(k, c)| self.lost >> k & 1 == 0 && c.as_ref().is_some_and(&holds));
+        chosen.fold(0, |mask, (k, _)| mask | 1 << k)
     }
 
     /// The hypothesis that explains the rows; `None` if they cannot be compared.
     fn find(&self, groups: &[GroupState]) -> Option<Found> {
-        let asked = self.asked(|_| true);
-        let of = |k: &usize| asked >> k & 1 == 1;
-        if asked == 0 {
+        let all = self.compared_where(|_| true);
+        let of = |k: &usize| all >> k & 1 == 1;
+        if all == 0 {
             return None;
         }
         let compared = || (0..groups.len()).filter(of).filter_map(|k| self.compared[k]);
@@ -354,16 +354,20 @@ impl CauseSearch {
 
     /// Records that an error explains the rows.
     fn suspect(&mut self, likely: &Likely) {
-        let changed = self.asked(|c| !c.is_nothing());
-        self.withheld &= !self.asked(|_| true);
-        self.withheld |= if changed == 0 { self.asked(|_| true) } else { changed };
+        let changed = self.compared_where(|c| !c.is_nothing());
+        self.withheld &= !self.compared_where(|_| true);
+        self.withheld |= if changed == 0 {
+            self.compared_where(|_| true)
+        } else {
+            changed
+        };
         let plausible = self.may_be_the_plant();
         self.ambiguous = if plausible { self.withheld } else { 0 };
-        let moves = self.asked(|c| c.moves) & self.withheld != 0;
-        self.blocks = if moves { self.blocks.saturating_add(1) } else { 0 };
-        let tells = self.asked(|c| c.tells) & self.withheld != 0;
+        let informed = self.compared_where(|c| c.informed) & self.withheld != 0;
+        self.blocks = if informed { self.blocks.saturating_add(1) } else { 0 };
+        let distinguishes = self.compared_where(|c| c.distinguishes) & self.withheld != 0;
         let alone = likely.lead > ALONE;
-        self.named = alone && (tells || self.blocks >= LONG) || self.blocks >= SURE;
+        self.named = alone && (distinguishes || self.blocks >= LONG) || self.blocks >= SURE;
         self.cause = self.named.then_some(Cause {
             error: likely.error,
             or_parameters: plausible && likely.lead_over_parameters <= ALONE,

@@ -39,7 +39,7 @@ pub const REFUTED: f64 = 30.0;
 const KNOWN: f64 = 0.5;
 /// Standard deviations by which the rows must distinguish such a change from none, in more than
 /// half of the directions.
-const TOLD: f64 = 5.0;
+const DISTINCT: f64 = 5.0;
 /// Standard deviations within which a parameter counts as unchanged, and by which the rows must be
 /// able to show a change.
 const STAYS: f64 = 3.0;
@@ -102,10 +102,10 @@ pub struct Comparison {
     /// The same with the V of (d), which is wider.
     pub base: f64,
     /// The rows inform on more than half of the directions.
-    pub moves: bool,
+    pub informed: bool,
     /// The rows distinguish a change of the size in question from none, in more than half of the
     /// directions.
-    pub tells: bool,
+    pub distinguishes: bool,
     /// A change of the plant is plausible, because some parameter has stayed.
     pub plausible: bool,
 }
@@ -324,8 +324,8 @@ impl Inquiry {
             count,
             nothing: (nothing - other) / excess,
             base: (base - other) / excess,
-            moves: self.tell(KNOWN, fixed),
-            tells: self.tell(share, fixed),
+            informed: self.distinguishes(KNOWN, fixed),
+            distinguishes: self.distinguishes(share, fixed),
             plausible,
         })
     }
@@ -387,7 +387,7 @@ impl Inquiry {
 
     /// True if the rows distinguish a change of all parameters by this share from none, in more
     /// than half of the directions.
-    fn tell(&mut self, share: f64, fixed: &[bool]) -> bool {
+    fn distinguishes(&mut self, share: f64, fixed: &[bool]) -> bool {
         let n = self.n;
         for i in 0..n {
             for j in 0..n {
@@ -396,7 +396,7 @@ impl Inquiry {
         }
         let count = gather(n, &self.matrix, fixed, &mut self.packed);
         self.eigen.decompose(count, &self.packed[..count * count]);
-        let least = (TOLD / share).powi(2);
+        let least = (DISTINCT / share).powi(2);
         let distinguishable = self.eigen.values[..count].iter().filter(|&&value| value > least);
         2 * distinguishable.count() > count
     }

@@ -315,22 +315,23 @@ impl GroupState {
         self.total_covariance();
     }
 
-    /// Adds to `costs`[k] the least cost, in units of the noise, of the rows before boundary k
-    /// (`after` false) or from it on (`after` true), with the present prior and linearised at
-    /// `theta`. The sums grow from boundary to boundary, from the side of the block that they hold.
-    pub fn segment_costs(
+    /// Adds to `costs`[k] the least cost, in units of the noise, of the rows before boundary k or
+    /// from it on, with the present prior and linearised at `theta`. The sums grow from boundary to
+    /// boundary.
+    fn segment_costs(
         &mut self,
         rows: &dyn Summable,
         whole: Range<usize>,
         theta: &[f64],
         boundaries: &[Boundary],
-        after: bool,
+        segment: Segment,
         costs: &mut [f64],
     ) {
         let n = self.n;
         let variance = self.variance().max(TINY);
         self.expand_prior(theta);
         let mut total = self.prior_cost(theta);
+        let after = segment == Segment::After;
         let mut reached = if after { whole.end } else { whole.start };
         for step in 0..boundaries.len() {
             let k = if after { boundaries.len() - 1 - step } else { step };
@@ -370,16 +371,24 @@ impl GroupState {
         }
     }
 
-    /// Weights every row fully, or limits outliers by the noise known so far.
-    pub fn set_losses(&mut self, robust: bool, options: &EstimatorOptions) {
+    /// Weights every row fully.
+    pub fn weight_fully(&mut self) {
+        self.equations.iter_mut().for_each(|e| e.loss = Loss::Square);
+    }
+
+    /// Limits outliers by the noise known so far.
+    pub fn limit_by_known_noise(&mut self, options: &EstimatorOptions) {
         for e in &mut self.equations {
-            e.loss = if robust {
-                options.outliers.loss(e.variance.sqrt())
-            } else {
-                Loss::Square
-            };
+            e.loss = options.outliers.loss(e.variance.sqrt());
         }
     }
+}
+
+/// The rows on one side of a cut.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Segment {
+    Before,
+    After,
 }
 
 /// A place where a block may be cut.
@@ -475,9 +484,9 @@ pub fn locate(
             } else {
                 group.prior_from_covariance();
             }
-            group.segment_costs(rows, whole.clone(), before, boundaries, false, costs);
+            group.segment_costs(rows, whole.clone(), before, boundaries, Segment::Before, costs);
             group.prior_weak();
-            group.segment_costs(rows, whole.clone(), later, boundaries, true, costs);
+            group.segment_costs(rows, whole.clone(), later, boundaries, Segment::After, costs);
             for (cost, boundary) in costs.iter_mut().zip(boundaries) {
                 let straddling = boundary.before..boundary.after;
                 let count = |e: &EquationState| used(rows, e.index, straddling.clone());

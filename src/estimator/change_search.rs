@@ -125,7 +125,7 @@ impl ChangeSearch<'_> {
     fn shows_in(&mut self, joined: u64, range: &Range<usize>) -> bool {
         let groups = self.groups.iter_mut().enumerate();
         groups.filter(|(k, _)| joined >> k & 1 == 1).any(|(_, group)| {
-            group.set_losses(false, self.options);
+            group.weight_fully();
             group.suspect(self.rows, range.clone(), self.theta);
             !group.evaluate_at(self.rows, range.clone(), self.theta)
                 || group.change_probability(self.rows, self.theta) < JOINS
@@ -144,7 +144,7 @@ impl ChangeSearch<'_> {
             self.before[own.clone()].copy_from_slice(&group.centre);
             if joined >> k & 1 == 1 {
                 self.theta[own].copy_from_slice(&group.centre);
-                group.set_losses(false, self.options);
+                group.weight_fully();
                 group.limit_outliers(self.rows, range.clone(), self.theta, true, self.options);
                 group.prior_from_information();
                 group.evaluate_at(self.rows, range.clone(), self.theta);
@@ -185,7 +185,7 @@ impl ChangeSearch<'_> {
         for (k, group) in self.groups.iter_mut().enumerate() {
             if joined >> k & 1 == 1 {
                 // plus two per parameter: Akaike's penalty for the slopes
-                group.set_losses(true, self.options);
+                group.limit_by_known_noise(self.options);
                 line += group.line_cost(rows, self.theta) + 2.0 * group.n as f64;
                 straight &= group.line_is_consistent();
             }
@@ -232,7 +232,11 @@ impl ChangeSearch<'_> {
         let (mut consistent, mut excess) = (true, 0.0);
         for pass in 0..PASSES {
             for group in self.groups.iter_mut() {
-                group.set_losses(pass > 0, self.options);
+                if pass > 0 {
+                    group.limit_by_known_noise(self.options);
+                } else {
+                    group.weight_fully();
+                }
             }
             let (found, least) = locate(self.groups, joined, rows, whole.clone(), self.before, self.later, free);
             let settled = pass > 0 && found == row;
@@ -293,7 +297,7 @@ impl ChangeSearch<'_> {
                 }
                 continue;
             }
-            group.set_losses(false, self.options);
+            group.weight_fully();
             group.evaluate_at(rows, range.clone(), self.theta);
             match change.kind {
                 ChangeKind::Within => group.widen(self.theta, None),

@@ -42,7 +42,7 @@ impl DriftWatch {
         let change = 0.3 * groups.iter().map(|g| g.slope_rate(theta)).fold(DRIFT_RATE, f64::max);
         let (mut explained, mut moves, mut bends) = (true, false, false);
         for group in groups.iter_mut().filter(|g| g.drift.active) {
-            group.set_losses(true, options);
+            group.limit_by_known_noise(options);
             explained &= group.follow_line(rows, theta, change);
             moves |= group.drift.moves();
             bends |= group.line_bends(theta);
@@ -70,7 +70,7 @@ impl DriftWatch {
     ) -> u64 {
         let (mut rate, mut off) = (DRIFT_RATE, DRIFT_RATE);
         for group in groups.iter_mut() {
-            group.set_losses(true, options);
+            group.limit_by_known_noise(options);
             group.line_cost(rows, theta);
             let (own_rate, own_off) = group.line_rates(theta);
             (rate, off) = (rate.max(own_rate), off.max(own_off));

@@ -120,6 +120,57 @@ impl RowCovariance {
         }
     }
 
+    /// The same for errors of the inputs, whose jumps are left out.
+    pub fn input_residual(&self, block: &MeasuredBlock, equation: usize, row: usize, errors: &[Vec<f64>]) -> f64 {
+        let (input, scale) = block.form.input(equation);
+        let from = block.samples.windows.all()[row].centre - block.form.kernels.input_half;
+        let kernel = &block.form.kernels.input[0];
+        let std = self.input_variance(block, equation, row).sqrt();
+        scale * std * dot(kernel, &errors[input][from..from + kernel.len()])
+    }
+
+    /// As [`add_errors`](Self::add_errors) for those of the inputs.
+    pub fn add_input_errors(
+        &self,
+        block: &MeasuredBlock,
+        equation: usize,
+        weighted: &[f64],
+        factor: f64,
+        errors: &mut [Vec<f64>],
+    ) {
+        let (input, scale) = block.form.input(equation);
+        let kernel = &block.form.kernels.input[0];
+        for (i, weighted) in weighted.iter().enumerate() {
+            let from = block.samples.windows.all()[i].centre - block.form.kernels.input_half;
+            let moved = factor * scale * self.input_variance(block, equation, i).sqrt() * weighted;
+            let errors = errors[input][from..].iter_mut().zip(kernel);
+            errors.for_each(|(error, weight)| *error += moved * weight);
+        }
+    }
+
+    /// Covariance of rows of two equations, (equation, row) each: that of the positions, and of the
+    /// input if it is the same.
+    pub fn shared(&self, block: &MeasuredBlock, (e, i): (usize, usize), (other, j): (usize, usize)) -> f64 {
+        let of_joint = |joint: usize| {
+            let (c_i, from_i) = self.sensitivity(block, e, i, joint);
+            let (c_j, from_j) = self.sensitivity(block, other, j, joint);
+            let from = from_i.max(from_j);
+            let (c_i, c_j) = (c_i.get(from - from_i..), c_j.get(from - from_j..));
+            let both = c_i.unwrap_or_default().iter().zip(c_j.unwrap_or_default());
+            both.map(|(a, b)| a * b).sum::<f64>()
+        };
+        let positions: f64 = (0..block.form.plant.joints()).map(of_joint).sum();
+        let ((input, scale), (other_input, other_scale)) = (block.form.input(e), block.form.input(other));
+        if input != other_input {
+            return positions;
+        }
+        let windows = block.samples.windows.all();
+        let strides = windows[i].number.abs_diff(windows[j].number) as usize / block.samples.windows.stride;
+        let overlap = self.input_overlap.get(strides).unwrap_or(&0.0);
+        let variances = self.input_variance(block, e, i) * self.input_variance(block, other, j);
+        positions + scale * other_scale * overlap * variances.sqrt()
+    }
+
     /// Computes R of an equation at θ.
     pub fn make(&mut self, block: &MeasuredBlock, e: usize, theta: &[f64], whitening: &mut Whitening) {
         self.differentiate(block, e, theta);

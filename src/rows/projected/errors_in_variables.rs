@@ -4,13 +4,13 @@
 //! n̂ = E[n | f] = −Σ_q Cᵀ R⁻¹ f(θ̄)        q̂ = q − n̂
 //! ```
 //!
-//! C holds the c_i = −∂f_i/∂q, R is the covariance of the rows (`covariance.rs`), θ̄ is θ̂ before
-//! the block. The head of `projected/mod.rs` explains the use.
+//! C holds the c_i = −∂f_i/∂q, R is the covariance of the rows of all equations (`covariance.rs`,
+//! `shared_errors.rs`), θ̄ is θ̂ before the block. The head of `projected/mod.rs` explains the use.
 
 use super::covariance::RowCovariance;
 use super::measured::MeasuredBlock;
 use super::reversals;
-use super::samples::Samples;
+use super::shared_errors::SharedErrors;
 use crate::rows::standstill::Standstill;
 use crate::rows::trajectory::Trajectory;
 use crate::rows::whitening::Whitening;
@@ -24,8 +24,8 @@ pub(super) struct SmoothedSignals {
     signals: Trajectory,
     /// True if the rows use the smoothed signals.
     applied: bool,
-    /// Scratch: R⁻¹ f of one equation.
-    weighted: Vec<f64>,
+    /// Scratch: z of `shared_errors.rs`, then R⁻¹ f \[equation\]\[row\].
+    weighted: Vec<Vec<f64>>,
 }
 
 impl SmoothedSignals {
@@ -35,7 +35,7 @@ impl SmoothedSignals {
         Self {
             signals: Trajectory::new(block.form.plant.joints(), features, capacity),
             applied: false,
-            weighted: vec![0.0; rows],
+            weighted: vec![vec![0.0; rows]; block.form.equations()],
         }
     }
 
@@ -54,37 +54,39 @@ impl SmoothedSignals {
         self.applied = false;
     }
 
-    /// Begins with the measured inputs, and with errors of 0 in place of the positions.
-    pub fn begin(&mut self, samples: &Samples) {
-        let (own, measured) = (&mut self.signals, &samples.signals);
-        own.q.iter_mut().for_each(|errors| errors[..samples.len].fill(0.0));
-        for (own, measured) in own.u.iter_mut().zip(&measured.u) {
-            own[..samples.len].copy_from_slice(&measured[..samples.len]);
-        }
-    }
-
-    /// Errors −n̂/σ_q += σ_q Σ_i c_i (R⁻¹ f)_i from the rows of one equation, whose residuals are
-    /// whitened forwards; for the input û directly.
-    pub fn subtract(
+    /// Estimates the errors from the residuals of all equations, which are whitened forwards:
+    /// −n̂/σ_q = σ_q Σ_i c_i (R⁻¹ f)_i in place of the positions, and û.
+    pub fn estimate<'a>(
         &mut self,
         block: &MeasuredBlock,
         covariance: &RowCovariance,
-        whitening: &Whitening,
-        e: usize,
-        residuals: &[f64],
+        whitening: &[Whitening],
+        shared: &mut SharedErrors,
+        residuals: impl Fn(usize) -> &'a [f64],
     ) {
-        let windows = block.samples.windows.all();
-        let weighted = &mut self.weighted[..windows.len()];
-        weighted.copy_from_slice(&residuals[..windows.len()]);
-        whitening.apply_transposed(weighted);
-        covariance.add_errors(block, e, weighted, 1.0, &mut self.signals.q);
-        let (input, scale) = block.form.input(e);
-        let kernel = &block.form.kernels.input[0];
-        for (i, window) in windows.iter().enumerate() {
-            let moved = covariance.input_variance(block, e, i) * scale * weighted[i];
-            let from = window.centre - block.form.kernels.input_half;
-            let u = &mut self.signals.u[input][from..from + kernel.len()];
-            u.iter_mut().zip(kernel).for_each(|(u, weight)| *u -= moved * weight);
+        let (own, samples) = (&mut self.signals, &block.samples);
+        own.q.iter_mut().for_each(|errors| errors[..samples.len].fill(0.0));
+        for (own, measured) in own.u.iter_mut().zip(&samples.signals.u) {
+            own[..samples.len].copy_from_slice(&measured[..samples.len]);
+        }
+        let windows = samples.windows.all();
+        for (e, weighted) in self.weighted.iter_mut().enumerate() {
+            weighted[..windows.len()].copy_from_slice(&residuals(e)[..windows.len()]);
+        }
+        shared.compare(block, covariance, whitening);
+        shared.solve(block, covariance, whitening, &mut self.weighted);
+        for (e, weighted) in self.weighted.iter_mut().enumerate() {
+            let weighted = &mut weighted[..windows.len()];
+            whitening[e].apply_transposed(weighted);
+            covariance.add_errors(block, e, weighted, 1.0, &mut self.signals.q);
+            let (input, scale) = block.form.input(e);
+            let kernel = &block.form.kernels.input[0];
+            for (i, window) in windows.iter().enumerate() {
+                let moved = covariance.input_variance(block, e, i) * scale * weighted[i];
+                let from = window.centre - block.form.kernels.input_half;
+                let u = &mut self.signals.u[input][from..from + kernel.len()];
+                u.iter_mut().zip(kernel).for_each(|(u, weight)| *u -= moved * weight);
+            }
         }
     }
 

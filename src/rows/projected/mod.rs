@@ -17,7 +17,7 @@
 //! | noise of each sample; jumps of the inputs | `SampleNoise`, `InputJumps`; these three form a `MeasuredBlock` |
 //! | rows over a standstill, left out of equations that do not hold there | `Standstill` |
 //! | covariance R of the rows, and the rows whitened by it | `RowCovariance`, `WhitenedRows` |
-//! | positions freed of the errors that the residuals show | `SmoothedSignals` |
+//! | positions freed of the errors that the residuals show, of all equations together | `SmoothedSignals`, `SharedErrors` |
 //! | regressors freed of the noise left in them | `RegressorNoise`, `Calibration` |
 //! | windows that end with the block | `Tail` |
 //! | all of these, in this order | `Projection` |
@@ -80,6 +80,7 @@ mod sample_noise;
 mod samples;
 mod sensor_noise;
 mod setpoint_steps;
+mod shared_errors;
 mod tail;
 mod velocity_filter;
 mod weak_form;

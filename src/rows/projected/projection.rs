@@ -7,6 +7,7 @@ use super::evaluation::Source;
 use super::measured::MeasuredBlock;
 use super::regressor_noise::{RegressorNoise, Rows};
 use super::reversals;
+use super::shared_errors::SharedErrors;
 use super::tail::Tail;
 use super::whitened_rows::WhitenedRows;
 use crate::estimator::Residuals;
@@ -25,6 +26,7 @@ pub(super) struct Projection {
     covariance: RowCovariance,
     rows: WhitenedRows,
     smoothed: SmoothedSignals,
+    shared: SharedErrors,
     regressor_noise: RegressorNoise,
     tail: Tail,
     column_noise: Vec<ColumnNoise>,
@@ -57,6 +59,7 @@ impl Projection {
             standstill: Standstill::new(&*form.plant, &form.kernels.position[0], capacity, rows),
             rows: WhitenedRows::new(&block, rows, covariance.bandwidth()),
             smoothed: SmoothedSignals::new(&block, rows),
+            shared: SharedErrors::new(&block, rows),
             regressor_noise: RegressorNoise::new(&block, rows),
             tail: Tail::new(form, block.samples.block_len()),
             column_noise: vec![ColumnNoise::new(&block, rows); form.equations()],
@@ -144,12 +147,10 @@ impl Projection {
             signals: &block.samples.signals,
         };
         self.rows.keep_residuals(&measured, theta);
-        self.smoothed.begin(&block.samples);
-        for e in 0..block.form.equations() {
-            let residuals = self.rows.measured(e);
-            self.smoothed
-                .subtract(block, &self.covariance, &self.rows.whitening[e], e, residuals);
-        }
+        self.smoothed
+            .estimate(block, &self.covariance, &self.rows.whitening, &mut self.shared, |e| {
+                self.rows.measured(e)
+            });
         self.smoothed.finish(block, &self.standstill);
         let signals = self.smoothed.or(&block.samples.signals);
         self.rows.replace_regressors(&Source { block, signals });
@@ -170,14 +171,15 @@ impl Projection {
     fn calibrate(&mut self, theta: &[f64]) {
         let block = &self.block;
         let signals = self.smoothed.or(&block.samples.signals);
-        let rows = Rows {
+        let mut rows = Rows {
             block,
             covariance: &self.covariance,
+            shared: &mut self.shared,
             standstill: &self.standstill,
             signals,
             smoothed: self.smoothed.exist(),
         };
-        self.regressor_noise.remove(&rows, &mut self.rows);
+        self.regressor_noise.remove(&mut rows, &mut self.rows);
         self.rows.keep_at(&Source { block, signals }, theta);
     }
 

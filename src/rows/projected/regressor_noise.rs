@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! (1)  n = σ_q s,  s_k = ±1 at random        δ = n for measured positions
-//! (2)  f_n = C n + (noise of the inputs)     δ = n − Σ_q Cᵀ R⁻¹ f_n for smoothed ones
+//! (2)  f_n = C n + (noise of the inputs)     δ = n − Σ_q Cᵀ R⁻¹ f_n for smoothed ones, of all equations
 //! (3)  δZ = Z(q̂ + δ) − Z(q̂)                  N = δZᵀ R⁻¹ δZ
 //! (4)  N ≈ N₀ max_j w_j/w_j₀                   w_j = Σ_i σ_j²(k_i)/R_ii        N₀, w₀ of the last draw
 //! ```
@@ -20,6 +20,7 @@ use super::calibration::Calibration;
 use super::covariance::RowCovariance;
 use super::measured::MeasuredBlock;
 use super::reversals;
+use super::shared_errors::SharedErrors;
 use super::whitened_rows::WhitenedRows;
 use super::windows::Window;
 use crate::rows::probes::{GOLDEN, mix};
@@ -37,6 +38,7 @@ const BLOCKS: i64 = 12;
 pub(super) struct Rows<'a> {
     pub block: &'a MeasuredBlock,
     pub covariance: &'a RowCovariance,
+    pub shared: &'a mut SharedErrors,
     pub standstill: &'a Standstill,
     pub signals: &'a Trajectory,
     /// False if these are the measured signals.
@@ -93,7 +95,7 @@ impl RegressorNoise {
     }
 
     /// Frees the columns of every equation of noise.
-    pub fn remove(&mut self, rows: &Rows<'_>, whitened: &mut WhitenedRows) {
+    pub fn remove(&mut self, rows: &mut Rows<'_>, whitened: &mut WhitenedRows) {
         let windows = rows.block.samples.windows.all();
         for (e, calibration) in self.calibrations.iter_mut().enumerate() {
             let ([forward, _], _) = whitened.factors(e);
@@ -173,7 +175,7 @@ impl RegressorNoise {
     }
 
     /// Draws the noise, (1) and (2), and computes the signals with it.
-    fn draw(&mut self, rows: &Rows<'_>, whitening: &[Whitening], draw: u64) {
+    fn draw(&mut self, rows: &mut Rows<'_>, whitening: &[Whitening], draw: u64) {
         let (block, len) = (rows.block, rows.block.samples.len);
         let windows = block.samples.windows.all();
         let Some(first) = windows.first() else { return };
@@ -205,27 +207,22 @@ impl RegressorNoise {
     }
 
     /// Subtracts from the errors what the residuals show of them, (2).
-    fn subtract_estimates(&mut self, rows: &Rows<'_>, whitening: &[Whitening]) {
+    fn subtract_estimates(&mut self, rows: &mut Rows<'_>, whitening: &[Whitening]) {
         let (block, covariance) = (rows.block, rows.covariance);
-        let (windows, kernels) = (block.samples.windows.all(), &block.form.kernels);
+        let count = block.samples.windows.len();
         for (e, weighted) in self.weighted.iter_mut().enumerate() {
-            let (input, scale) = block.form.input(e);
-            let weighted = &mut weighted[..windows.len()];
-            for (i, window) in windows.iter().enumerate() {
-                let errors = &self.noisy.u[input][window.centre - kernels.input_half..];
-                let drawn: f64 = kernels.input[0]
-                    .iter()
-                    .zip(errors)
-                    .map(|(weight, error)| weight * error)
-                    .sum();
-                let std = covariance.input_variance(block, e, i).sqrt();
-                weighted[i] = covariance.residual(block, e, i, &self.noisy.q) + scale * std * drawn;
+            let weighted = &mut weighted[..count];
+            for (i, weighted) in weighted.iter_mut().enumerate() {
+                *weighted = covariance.residual(block, e, i, &self.noisy.q)
+                    + covariance.input_residual(block, e, i, &self.noisy.u);
             }
             whitening[e].apply(Direction::Forward, weighted);
-            whitening[e].apply_transposed(weighted);
         }
-        for (e, weighted) in self.weighted.iter().enumerate() {
-            covariance.add_errors(block, e, &weighted[..windows.len()], -1.0, &mut self.noisy.q);
+        rows.shared.solve(block, covariance, whitening, &mut self.weighted);
+        for (e, weighted) in self.weighted.iter_mut().enumerate() {
+            let weighted = &mut weighted[..count];
+            whitening[e].apply_transposed(weighted);
+            covariance.add_errors(block, e, weighted, -1.0, &mut self.noisy.q);
         }
     }
 

@@ -1,6 +1,6 @@
 //! Known loads: gains of the drives from one, and what the flange carries by declaration.
 
-use super::{SIX_AXIS, robot, ur10e, ur10e_recording, ur10e_rows};
+use super::{SIX_AXIS, SUBSTEPS, robot, ur10e, ur10e_recording, ur10e_rows};
 use thetabus::robot::{
     ChangeCause, FrictionTerm, GainCalibration, IdentifyOptions, JointFriction, KnownLoad, PayloadChange,
     RobotIdentifier, RobotModel, RobotSample, RobotSimOptions, RobotSimulator, Velocities, declared_load,
@@ -31,6 +31,7 @@ fn samples(payloads: Vec<PayloadChange>, seed: u64, seconds: f64, gains: [f64; 6
         machine_seed: 4,
         difference: 0.15,
         payloads,
+        substeps: SUBSTEPS,
         ..RobotSimOptions::new(&robot)
     };
     let mut velocities = Velocities::new(20, 0.05);
@@ -145,6 +146,7 @@ fn ident_an_arm_is_learnt_with_a_load_that_was_declared() {
     let simulation = RobotSimOptions {
         machine_seed: 4,
         difference: 0.15,
+        substeps: SUBSTEPS,
         ..RobotSimOptions::new(&robot)
     };
     let truth = RobotSimulator::new(&robot, simulation).unwrap().truth(&model(), 0.0);

@@ -5,7 +5,7 @@
 //! payload, that is off by more than 5 of its standard deviations and more than 0.5 %. The offset
 //! itself is compared with the one at the end of the block.
 
-use super::SIX_AXIS;
+use super::{SIX_AXIS, SUBSTEPS};
 use std::f64::consts::TAU;
 use thetabus::estimator::EstimatorState;
 use thetabus::messages::{Estimate, Sample, signals};
@@ -83,7 +83,7 @@ impl Case {
             seed: self.seed,
             machine_seed: self.seed,
             difference: 0.15,
-            substeps: 2,
+            substeps: SUBSTEPS,
             ..RobotSimOptions::new(&robot)
         };
         if let Some(rest_s) = self.rest_s {

@@ -5,7 +5,7 @@
 //! of its standard deviations and more than 0.5 %.
 
 use super::judge::{changed, model, simulated};
-use super::{SEVEN_AXIS, SIX_AXIS, robot, ur10e, ur10e_recording};
+use super::{SEVEN_AXIS, SIX_AXIS, SUBSTEPS, robot, ur10e, ur10e_recording};
 use crate::support::TestRng;
 use thetabus::estimator::EstimatorState;
 use thetabus::messages::{Estimate, Sample, signals};
@@ -101,7 +101,7 @@ impl Case {
             seed: self.seed,
             machine_seed: self.seed,
             difference: self.difference,
-            substeps: 2,
+            substeps: SUBSTEPS,
             has_velocity: self.velocity_noise.is_some(),
             ..RobotSimOptions::new(&robot)
         };

@@ -4,7 +4,7 @@
 //! A block is *dangerous* if it may be used and holds a usable parameter, or a derived value of the
 //! payload, that is off by more than 5 of its standard deviations and more than 0.5 %.
 
-use super::SIX_AXIS;
+use super::{SIX_AXIS, SUBSTEPS};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use thetabus::messages::{Estimate, Sample, State, signals};
 use thetabus::model::JointSample;
@@ -120,7 +120,7 @@ fn simulate(case: Case) -> Recording {
         machine_seed: case.seed,
         difference: 0.15,
         payloads: vec![load],
-        substeps: 2,
+        substeps: SUBSTEPS,
         ..RobotSimOptions::new(&robot)
     };
     if let Some(rest_s) = case.rest_s {

@@ -1,6 +1,6 @@
 //! Messages about a robot's log that was recorded or read incorrectly.
 
-use super::{SEVEN_AXIS, SIX_AXIS, robot, ur10e, ur10e_recording};
+use super::{SEVEN_AXIS, SIX_AXIS, SUBSTEPS, robot, ur10e, ur10e_recording};
 use std::f64::consts::{PI, TAU};
 use thetabus::robot::{
     IdentifyOptions, JointFriction, Motions, RobotIdentifier, RobotModel, RobotSample, RobotSimOptions, RobotSimulator,
@@ -19,6 +19,7 @@ pub(super) fn simulated(model: &RobotModel, seconds: usize, change: impl Fn(&mut
         sample_period_s: 0.01,
         control_steps: 10,
         has_velocity: true,
+        substeps: SUBSTEPS,
         ..RobotSimOptions::new(model.robot())
     };
     change(&mut options);

@@ -4,7 +4,7 @@
 //! A block is *dangerous* if it may be used and holds a usable parameter, or a derived value of the
 //! payload, that is off by more than 5 of its standard deviations and more than 0.5 %.
 
-use super::{SIX_AXIS, robot};
+use super::{SIX_AXIS, SUBSTEPS, robot};
 use crate::support::TestRng;
 use FrictionTerm::{Coulomb, Offset, Viscous};
 use nalgebra::{Rotation3, Vector3};
@@ -35,6 +35,7 @@ pub(super) fn simulation(has_rests: bool, seed: u64) -> RobotSimOptions {
         seed,
         machine_seed: seed,
         difference: 0.15,
+        substeps: SUBSTEPS,
         ..RobotSimOptions::new(&robot(SIX_AXIS))
     };
     if has_rests {

@@ -35,6 +35,10 @@ use thetabus::robot::{
 pub const SIX_AXIS: &str = include_str!("../../../config/robots/six_axis.urdf");
 pub const SEVEN_AXIS: &str = include_str!("../../../config/robots/seven_axis.urdf");
 
+/// Steps of the simulation per step of the controller, half of the default. The simulation takes most
+/// of the time of these tests, and their conclusions do not depend on its last digits.
+pub const SUBSTEPS: usize = 2;
+
 pub fn robot(urdf: &str) -> Robot {
     Robot::from_urdf(urdf, &Selection::default()).unwrap()
 }

@@ -1,6 +1,6 @@
 //! The node of a robot: streams, blocks, states, commands and what it keeps.
 
-use super::{SIX_AXIS, at_1_khz, robot};
+use super::{SIX_AXIS, SUBSTEPS, at_1_khz, robot};
 use thetabus::messages::{Estimate, Sample, State, estimate_flags, sample_flags, signals};
 use thetabus::model::{JointSample, MAX_JOINTS};
 use thetabus::node::command::{Change, NodeState, Order};
@@ -42,6 +42,7 @@ fn motion(seconds: usize) -> Vec<JointSample> {
     let robot = robot(SIX_AXIS);
     let options = RobotSimOptions {
         difference: 0.1,
+        substeps: SUBSTEPS,
         ..RobotSimOptions::new(&robot)
     };
     RobotSimulator::new(&robot, options)
@@ -108,6 +109,7 @@ fn ident_a_stream_of_positions_and_torques_becomes_estimates_that_may_be_used() 
     let robot = robot(SIX_AXIS);
     let options = RobotSimOptions {
         difference: 0.1,
+        substeps: SUBSTEPS,
         ..RobotSimOptions::new(&robot)
     };
     let truth = RobotSimulator::new(&robot, options)

@@ -1,7 +1,7 @@
 //! Payloads: found, located, told apart from friction, and estimated; on a simulated robot and on
 //! recordings of a real one.
 
-use super::{SEVEN_AXIS, at_1_khz, robot, ur10e, ur10e_rows};
+use super::{SEVEN_AXIS, SUBSTEPS, at_1_khz, robot, ur10e, ur10e_rows};
 use thetabus::robot::{
     CarriedPayload, ChangeCause, IdentifyOptions, JointFriction, PayloadChange, RobotChange, RobotIdentifier,
     RobotModel, RobotSample, RobotSimOptions, RobotSimulator, SimulatedDrive, Velocities, is_physical,
@@ -107,6 +107,7 @@ fn ident_a_payload_of_3_kg_is_located_within_50_ms_and_weighed_and_its_removal_i
             machine_seed: seed,
             difference: 0.15,
             payloads: vec![load(20.0), gone],
+            substeps: SUBSTEPS,
             ..RobotSimOptions::new(&robot)
         };
         let mut identifier = seven_axis();
@@ -136,6 +137,7 @@ fn ident_an_arm_without_payload_raises_no_alarm_and_its_intervals_hold() {
             seed,
             machine_seed: 10 + seed,
             difference: 0.15,
+            substeps: SUBSTEPS,
             ..RobotSimOptions::new(&robot)
         };
         let mut identifier = seven_axis();
@@ -168,6 +170,7 @@ fn fault_friction_that_changes_is_no_payload() {
     let options = RobotSimOptions {
         seed: 5,
         difference: 0.1,
+        substeps: SUBSTEPS,
         ..RobotSimOptions::new(&robot)
     };
     // The second half is of a machine whose drive 4 rubs twice as much.

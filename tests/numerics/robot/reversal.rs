@@ -1,6 +1,6 @@
 //! The way of a reversal is never known well: this must not spoil the estimates of the bodies.
 
-use super::{SIX_AXIS, robot};
+use super::{SIX_AXIS, SUBSTEPS, robot};
 use thetabus::robot::{
     FrictionTerm, IdentifyOptions, JointFriction, Motions, RobotIdentifier, RobotModel, RobotSample, RobotSimOptions,
     RobotSimulator, Velocities,
@@ -26,6 +26,7 @@ fn confidently_wrong(seed: u64, friction: JointFriction) -> Vec<String> {
             harmonics: 5,
             period_s: 10.0,
         },
+        substeps: SUBSTEPS,
         ..RobotSimOptions::new(&robot)
     };
     assert_eq!(options.presliding, 0.5 * friction.presliding);

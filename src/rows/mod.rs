@@ -33,6 +33,7 @@ mod start;
 mod suspect;
 mod suspect_columns;
 mod suspect_places;
+mod suspect_sizes;
 mod tempo;
 mod theta_polynomial;
 mod through_drive;

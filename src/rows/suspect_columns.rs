@@ -28,13 +28,9 @@
 //! that falls with speed, with v_s of 0.2 and of 0.8 times the root mean square of the velocity in
 //! the first block that moves: together they approximate any v_s between.
 //!
-//! The standard deviations of friction, dead band, offset and spring are shares of u_r, the largest
-//! root mean square of a block's input so far, so one default fits drives of any voltage. The
-//! offset is a share of u_r or of 400 standard deviations of the input's noise, whichever is
-//! larger: the offset of an amplifier or a sensor does not depend on the motion, and u_r is small
-//! in slow motion. sat is the sign function with a linear middle. For velocities it is three
-//! standard deviations of their noise wide, because at rest the sign is that of the noise, and for
-//! inputs a fiftieth of u_r.
+//! sat is the sign function with a linear middle. For velocities it is three standard deviations of
+//! their noise wide, because at rest the sign is that of the noise, and for inputs a fiftieth of
+//! u_r, the largest root mean square of a block's input so far (`suspect_sizes.rs`).
 //!
 //! A flexible joint has u (1 + s²/ω_a²) = (1 + s²/ω_r²)·(the rigid terms), so to first order in
 //! 1/ω² its rigid model is off by (1/ω_r² − 1/ω_a²) s² u: the second derivative of the input, for
@@ -47,49 +43,34 @@ use super::by_direction::ByDirection;
 use super::drive_shapes::DriveShapes;
 use super::kernel::{Kernels, dot};
 use super::present_terms::{has_jump, has_term};
-use super::spread::{root_mean_square, standard_deviation};
 use super::suspect::{Considered, Suspect, SuspectKind};
 use super::suspect_places::{
     CLOCK, COSINE, DEAD_BAND, DELAY, FRICTION, GAIN, GAIN_BY_DIRECTION, INERTIA, LOAD_FRICTION, OFFSET, RESONANCE,
     SCALE, SINE, SLOW_FRICTION, SPRING, SuspectPlaces, VISCOUS, VISCOUS_BY_DIRECTION, WITH_COULOMB, ZERO, place,
 };
+use super::suspect_sizes::SuspectSizes;
 use super::tempo::tempo;
 use super::through_drive::ThroughDrive;
 use super::trajectory::Trajectory;
 use super::turned::Turned;
 use super::whitening::{Direction, Whitening};
-use crate::model::{AnyPlant, MAX_JOINTS};
-use std::f64::consts::TAU;
+use crate::model::AnyPlant;
 
-/// Range of an input in standard deviations of its noise, at least.
-const RANGE: f64 = 400.0;
 /// Velocity, in standard deviations of its noise, below which a joint may be at rest.
 const STANDING: f64 = 3.0;
-/// Ratio of the velocity's root mean square to that of its noise above which a joint moves.
-const MOVING: f64 = 20.0;
 /// v_s of the two columns, as shares of the velocity's root mean square.
 const STRIBECK_SPEEDS: [f64; 2] = [0.2, 0.8];
 
 /// The columns of a block.
 #[derive(Debug, Clone)]
 pub(super) struct SuspectColumns {
-    considered: Considered,
+    sizes: SuspectSizes,
     pub places: SuspectPlaces,
     /// Names of the parameters.
     parameters: Vec<String>,
     /// [equation][suspect][row], and whitened; empty if the error does not affect the equation.
     columns: Vec<Vec<Vec<f64>>>,
     white: Vec<Vec<Vec<f64>>>,
-    /// Largest root mean square of each joint's input so far, and of its position about the mean.
-    sizes: [f64; MAX_JOINTS],
-    travels: [f64; MAX_JOINTS],
-    /// Standard deviation of the noise of each joint's input.
-    input_noises: [f64; MAX_JOINTS],
-    /// Root mean square of the velocity that belongs to each equation, in the first block in which
-    /// the joint moved; 0 until then.
-    speeds: Vec<f64>,
-    /// The largest root mean square of that velocity so far, of blocks in which the joint moved.
-    fastest: Vec<f64>,
     /// The integrands of the friction columns, per equation and sample; empty if there are none.
     frictions: Vec<[Vec<f64>; 2]>,
     /// The integrands of dead bands and springs, per equation.
@@ -166,15 +147,10 @@ impl SuspectColumns {
             .collect();
         let room = |needed: bool| vec![0.0; if needed { capacity } else { 0 }];
         Self {
-            considered,
+            sizes: SuspectSizes::new(considered, equations.len()),
             parameters: plant.parameters().iter().map(|p| p.name.to_string()).collect(),
             white: columns.clone(),
             columns,
-            sizes: [0.0; MAX_JOINTS],
-            travels: [0.0; MAX_JOINTS],
-            input_noises: [0.0; MAX_JOINTS],
-            speeds: vec![0.0; jumps.len()],
-            fastest: vec![0.0; jumps.len()],
             drives: (0..equations.len())
                 .map(|e| DriveShapes {
                     dead_band: room(has_dead_band(e)),
@@ -211,9 +187,7 @@ impl SuspectColumns {
 
     /// Forgets the stream.
     pub fn reset(&mut self) {
-        (self.sizes, self.travels) = ([0.0; MAX_JOINTS], [0.0; MAX_JOINTS]);
-        self.speeds.fill(0.0);
-        self.fastest.fill(0.0);
+        self.sizes.reset();
         self.through_drives.iter_mut().flatten().for_each(ThroughDrive::reset);
     }
 
@@ -224,57 +198,13 @@ impl SuspectColumns {
 
     /// Standard deviation of an error's amplitude, 0 if it is only tested for.
     pub fn std(&self, suspect: usize) -> f64 {
-        let size = self.places.joint(suspect).map_or(0.0, |joint| self.sizes[joint]);
-        match self.places.kind(suspect) {
-            // the rows have resolved the default, which depends on the sample period
-            SuspectKind::InputDelay => self.considered.input_delay_s.unwrap_or(0.0),
-            SuspectKind::Gain => self.considered.gain,
-            SuspectKind::Coulomb => self.considered.coulomb * size,
-            SuspectKind::Stribeck => self.considered.stribeck * size,
-            SuspectKind::Offset => {
-                let noise = self.places.joint(suspect).map_or(0.0, |joint| self.input_noises[joint]);
-                self.considered.offset * size.max(RANGE * noise)
-            }
-            SuspectKind::DeadBand => self.considered.dead_band * size,
-            SuspectKind::Spring => match self.places.joint(suspect).map_or(0.0, |joint| self.travels[joint]) {
-                0.0 => 0.0,
-                travel => self.considered.spring * size / travel,
-            },
-            SuspectKind::Inertia => {
-                let own = SuspectPlaces::within(suspect).and_then(|(e, _)| self.through_drives[e].as_ref());
-                own.map_or(0.0, |own| self.considered.inertia * own.size())
-            }
-            SuspectKind::Viscous => self.considered.viscous * self.per_speed(suspect, size),
-            SuspectKind::GainByDirection => self.considered.gain_by_direction,
-            SuspectKind::LoadFriction => self.considered.load_friction,
-            SuspectKind::ViscousByDirection => self.considered.viscous_by_direction * self.per_speed(suspect, size),
-            SuspectKind::Eccentricity => self.considered.eccentricity_rad.unwrap_or(0.0),
-            SuspectKind::Resonance if self.considered.resonance_hz > 0.0 => {
-                (TAU * self.considered.resonance_hz).powi(-2)
-            }
-            SuspectKind::Zero => self.considered.zero_rad,
-            SuspectKind::Resonance | SuspectKind::Scale | SuspectKind::Clock => 0.0,
-            SuspectKind::Drift => self.considered.drift_per_s,
-        }
-    }
-
-    /// The size of a joint's input over the speed of the error's equation; 0 before it moved.
-    fn per_speed(&self, suspect: usize, size: f64) -> f64 {
-        match SuspectPlaces::within(suspect).map_or(0.0, |(e, _)| self.speeds[e]) {
-            0.0 => 0.0,
-            speed => size / speed,
-        }
+        self.sizes.std(&self.places, &self.through_drives, suspect)
     }
 
     /// Standard deviation that viscous friction adds to a parameter of back EMF, 0 for others.
     pub fn inseparable_std(&self, parameter: usize) -> f64 {
-        let through_drives = self.through_drives.iter().enumerate();
-        let own = through_drives.filter_map(|(e, own)| {
-            let back_emf = own.as_ref()?.back_emf().filter(|own| own.parameter == parameter)?;
-            let of_input = self.considered.friction_in_back_emf * self.sizes[self.places.inputs[e]];
-            (self.fastest[e] > 0.0).then(|| (of_input / self.fastest[e] * back_emf.per_friction).powi(2))
-        });
-        own.sum::<f64>().sqrt()
+        self.sizes
+            .inseparable_std(&self.places, &self.through_drives, parameter)
     }
 
     /// True if the error can arise while a machine runs: a supply that sags, a belt that slips, a
@@ -296,7 +226,7 @@ impl SuspectColumns {
     /// reports): both are informative only after a change.
     pub fn is_imitated(&self, suspect: usize) -> bool {
         let kind = self.places.kind(suspect);
-        kind == SuspectKind::Scale || kind == SuspectKind::Gain && self.considered.gain == 0.0
+        kind == SuspectKind::Scale || kind == SuspectKind::Gain && self.sizes.considered.gain == 0.0
     }
 
     /// True for viscous friction behind an inductance: θ₃ is then off θ₁ θ₄/θ₂.
@@ -336,7 +266,7 @@ impl SuspectColumns {
             Kind::InputDelay => ("s", 0.1),
             Kind::Gain | Kind::GainByDirection | Kind::LoadFriction | Kind::Scale | Kind::Clock => ("1", 1.0),
             Kind::Coulomb | Kind::Stribeck | Kind::Offset | Kind::DeadBand => {
-                (input_unit, joint.map_or(0.0, |joint| self.sizes[joint]))
+                (input_unit, joint.map_or(0.0, |joint| self.sizes.inputs[joint]))
             }
             Kind::Spring | Kind::Inertia | Kind::Viscous | Kind::ViscousByDirection => ("", f64::INFINITY),
             Kind::Eccentricity => ("rad", 0.1),
@@ -370,10 +300,8 @@ impl SuspectColumns {
     /// positions, `input_noise` that of the noise of a joint's input.
     pub fn sense(&mut self, len: usize, signals: &Trajectory, q_std: &[Vec<f64>], input_noise: impl Fn(usize) -> f64) {
         for joint in 0..self.turns.len() {
-            self.input_noises[joint] = input_noise(joint);
-            let size = root_mean_square(&signals.u[joint][..len]);
-            self.sizes[joint] = self.sizes[joint].max(size);
-            self.travels[joint] = self.travels[joint].max(standard_deviation(&signals.q[joint][..len]));
+            let (u, q) = (&signals.u[joint][..len], &signals.q[joint][..len]);
+            self.sizes.sense_joint(joint, u, q, input_noise(joint));
             if self.has_scale_columns {
                 let positions = signals.q[joint][..len].iter().zip(&q_std[joint]);
                 let scaled = self.scaled[joint].iter_mut().zip(positions);
@@ -393,23 +321,16 @@ impl SuspectColumns {
             self.drives[e].sense_spring(&signals.q[joint][..len]);
             let standing = STANDING * self.velocity_gain;
             self.by_direction[e].sense(&signals.u[joint][..len], dq, (q_std, standing));
-            let speed = &mut self.speeds[e];
-            let (own, noise) = (root_mean_square(dq), self.velocity_gain * root_mean_square(q_std));
-            if own > MOVING * noise {
-                self.fastest[e] = self.fastest[e].max(own);
-                if *speed == 0.0 {
-                    *speed = own;
-                }
-            }
+            let speed = self.sizes.sense_speed(e, dq, q_std, self.velocity_gain);
             for (friction, share) in self.frictions[e].iter_mut().zip(STRIBECK_SPEEDS) {
                 for (friction, (dq, q_std)) in friction.iter_mut().zip(dq.iter().zip(q_std)) {
                     *friction = (dq / (standing * q_std)).clamp(-1.0, 1.0);
                 }
-                if self.places.jumps[e] && *speed == 0.0 {
+                if self.places.jumps[e] && speed == 0.0 {
                     friction.fill(0.0);
                 } else if self.places.jumps[e] {
                     for (friction, dq) in friction.iter_mut().zip(dq) {
-                        *friction *= (-(dq / (share * *speed)).powi(2)).exp();
+                        *friction *= (-(dq / (share * speed)).powi(2)).exp();
                     }
                 }
             }
@@ -425,7 +346,7 @@ impl SuspectColumns {
             });
             let back_emf = back_emf.map_or(0.0, |own| own.per_speed(theta));
             let (u, dq) = (&signals.u[joint][..len], &signals.dq[joint][..len]);
-            self.drives[e].sense_dead_band(u, dq, back_emf, self.sizes[joint]);
+            self.drives[e].sense_dead_band(u, dq, back_emf, self.sizes.inputs[joint]);
         }
     }
 

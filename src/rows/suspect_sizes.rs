@@ -1,0 +1,136 @@
+//! How large the errors of a machine may be, judged by its signals so far.
+//!
+//! The standard deviations of friction, dead band, offset and spring are shares of u_r, the largest
+//! root mean square of a block's input so far, so one default fits drives of any voltage. The
+//! offset is a share of u_r or of 400 standard deviations of the input's noise, whichever is
+//! larger: the offset of an amplifier or a sensor does not depend on the motion, and u_r is small
+//! in slow motion.
+
+use super::spread::{root_mean_square, standard_deviation};
+use super::suspect::{Considered, SuspectKind};
+use super::suspect_places::SuspectPlaces;
+use super::through_drive::ThroughDrive;
+use crate::model::MAX_JOINTS;
+use std::f64::consts::TAU;
+
+/// Range of an input in standard deviations of its noise, at least.
+const RANGE: f64 = 400.0;
+/// Ratio of the velocity's root mean square to that of its noise above which a joint moves.
+const MOVING: f64 = 20.0;
+
+/// Sizes of the signals of a stream, and the errors considered relative to them.
+#[derive(Debug, Clone)]
+pub(super) struct SuspectSizes {
+    pub considered: Considered,
+    /// Largest root mean square of each joint's input so far, and of its position about the mean.
+    pub inputs: [f64; MAX_JOINTS],
+    travels: [f64; MAX_JOINTS],
+    /// Standard deviation of the noise of each joint's input.
+    input_noises: [f64; MAX_JOINTS],
+    /// Root mean square of the velocity that belongs to each equation, in the first block in which
+    /// the joint moved; 0 until then.
+    speeds: Vec<f64>,
+    /// The largest root mean square of that velocity so far, of blocks in which the joint moved.
+    fastest: Vec<f64>,
+}
+
+impl SuspectSizes {
+    /// Of a stream without samples.
+    pub fn new(considered: Considered, equations: usize) -> Self {
+        Self {
+            considered,
+            inputs: [0.0; MAX_JOINTS],
+            travels: [0.0; MAX_JOINTS],
+            input_noises: [0.0; MAX_JOINTS],
+            speeds: vec![0.0; equations],
+            fastest: vec![0.0; equations],
+        }
+    }
+
+    /// Forgets the stream.
+    pub fn reset(&mut self) {
+        (self.inputs, self.travels) = ([0.0; MAX_JOINTS], [0.0; MAX_JOINTS]);
+        self.speeds.fill(0.0);
+        self.fastest.fill(0.0);
+    }
+
+    /// Takes the input and the positions of a joint in a block; `input_noise` is the standard
+    /// deviation of the input's noise.
+    pub fn sense_joint(&mut self, joint: usize, u: &[f64], q: &[f64], input_noise: f64) {
+        self.input_noises[joint] = input_noise;
+        self.inputs[joint] = self.inputs[joint].max(root_mean_square(u));
+        self.travels[joint] = self.travels[joint].max(standard_deviation(q));
+    }
+
+    /// Takes the velocity that belongs to an equation in a block; its noise is `velocity_gain`
+    /// times that of the positions, whose standard deviations are `q_std`. Returns the velocity's
+    /// root mean square in the first block in which the joint moved; 0 until then.
+    pub fn sense_speed(&mut self, e: usize, dq: &[f64], q_std: &[f64], velocity_gain: f64) -> f64 {
+        let speed = &mut self.speeds[e];
+        let (own, noise) = (root_mean_square(dq), velocity_gain * root_mean_square(q_std));
+        if own > MOVING * noise {
+            self.fastest[e] = self.fastest[e].max(own);
+            if *speed == 0.0 {
+                *speed = own;
+            }
+        }
+        *speed
+    }
+
+    /// Standard deviation of an error's amplitude, 0 if it is only tested for.
+    pub fn std(&self, places: &SuspectPlaces, through_drives: &[Option<ThroughDrive>], suspect: usize) -> f64 {
+        let of_joint = |sizes: &[f64; MAX_JOINTS]| places.joint(suspect).map_or(0.0, |joint| sizes[joint]);
+        let size = of_joint(&self.inputs);
+        match places.kind(suspect) {
+            // the rows have resolved the default, which depends on the sample period
+            SuspectKind::InputDelay => self.considered.input_delay_s.unwrap_or(0.0),
+            SuspectKind::Gain => self.considered.gain,
+            SuspectKind::Coulomb => self.considered.coulomb * size,
+            SuspectKind::Stribeck => self.considered.stribeck * size,
+            SuspectKind::Offset => self.considered.offset * size.max(RANGE * of_joint(&self.input_noises)),
+            SuspectKind::DeadBand => self.considered.dead_band * size,
+            SuspectKind::Spring => match of_joint(&self.travels) {
+                0.0 => 0.0,
+                travel => self.considered.spring * size / travel,
+            },
+            SuspectKind::Inertia => {
+                let own = SuspectPlaces::within(suspect).and_then(|(e, _)| through_drives[e].as_ref());
+                own.map_or(0.0, |own| self.considered.inertia * own.size())
+            }
+            SuspectKind::Viscous => self.considered.viscous * self.per_speed(suspect, size),
+            SuspectKind::GainByDirection => self.considered.gain_by_direction,
+            SuspectKind::LoadFriction => self.considered.load_friction,
+            SuspectKind::ViscousByDirection => self.considered.viscous_by_direction * self.per_speed(suspect, size),
+            SuspectKind::Eccentricity => self.considered.eccentricity_rad.unwrap_or(0.0),
+            SuspectKind::Resonance if self.considered.resonance_hz > 0.0 => {
+                (TAU * self.considered.resonance_hz).powi(-2)
+            }
+            SuspectKind::Zero => self.considered.zero_rad,
+            SuspectKind::Resonance | SuspectKind::Scale | SuspectKind::Clock => 0.0,
+            SuspectKind::Drift => self.considered.drift_per_s,
+        }
+    }
+
+    /// The size of a joint's input over the speed of the error's equation; 0 before it moved.
+    fn per_speed(&self, suspect: usize, size: f64) -> f64 {
+        match SuspectPlaces::within(suspect).map_or(0.0, |(e, _)| self.speeds[e]) {
+            0.0 => 0.0,
+            speed => size / speed,
+        }
+    }
+
+    /// Standard deviation that viscous friction adds to a parameter of back EMF, 0 for others.
+    pub fn inseparable_std(
+        &self,
+        places: &SuspectPlaces,
+        through_drives: &[Option<ThroughDrive>],
+        parameter: usize,
+    ) -> f64 {
+        let own = through_drives.iter().enumerate().filter_map(|(e, own)| {
+            let back_emf = own.as_ref()?.back_emf().filter(|own| own.parameter == parameter)?;
+            let of_input = self.considered.friction_in_back_emf * self.inputs[places.inputs[e]];
+            (self.fastest[e] > 0.0).then(|| (of_input / self.fastest[e] * back_emf.per_friction).powi(2))
+        });
+        own.sum::<f64>().sqrt()
+    }
+}

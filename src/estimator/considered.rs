@@ -219,23 +219,25 @@ impl Considered {
 
     /// Adopts the errors of the rows, for these parameters among all and those that are `fixed`.
     pub fn begin(&mut self, rows: &dyn Summable, parameters: Range<usize>, fixed: &[bool]) {
+        let suspects = rows.suspect_rows();
         for ((i, fixed), variance) in parameters.zip(fixed).zip(&mut self.inseparable) {
             // Rows that have not seen their joint move yet, after a start or in a new stream, know
             // none.
-            let known = Some(rows.inseparable_std(i).powi(2)).filter(|own| *own > 0.0);
+            let known = Some(suspects.inseparable_std(i).powi(2)).filter(|own| *own > 0.0);
             *variance = if *fixed { 0.0 } else { known.unwrap_or(*variance) };
         }
-        self.known = rows.suspects().min(self.drifts.start).min(self.scores.len());
+        self.known = suspects.count().min(self.drifts.start).min(self.scores.len());
         self.count = if self.drifts.is_empty() {
             self.known
         } else {
             self.scores.len()
         };
         for (s, imitated) in self.imitated[..self.known].iter_mut().enumerate() {
-            *imitated = rows.is_imitated(s);
-            self.contradicting[s] = rows.contradicts_relations(s);
+            *imitated = suspects.is_imitated(s);
+            self.contradicting[s] = suspects.contradicts_relations(s);
         }
-        self.summed.adopt(|s| s < rows.suspects() && rows.lags_as(s).is_some());
+        self.summed
+            .adopt(|s| s < suspects.count() && suspects.lags_as(s).is_some());
         self.clear_scores();
     }
 
@@ -279,7 +281,7 @@ impl Considered {
         if count == 0 || rows.is_empty() {
             return;
         }
-        let end_ns = rows.span(rows.len() - 1).1;
+        let (suspects, end_ns) = (rows.suspect_rows(), rows.span(rows.len() - 1).1);
         for e in equations {
             let p = e.own.len();
             let inverse = 1.0 / e.divisor;
@@ -288,7 +290,7 @@ impl Considered {
                 let phi = &mut self.regressor[..p];
                 let f = rows.row(e.index, index, theta, phi) * inverse;
                 let weight = e.loss.at(f).1 * inverse;
-                rows.suspect_row(e.index, index, &mut self.columns[..self.known]);
+                suspects.row(e.index, index, &mut self.columns[..self.known]);
                 if e.floor == 0.0 {
                     self.summed.add(phi, f * e.divisor, &self.columns[..self.known]);
                 }
@@ -411,7 +413,7 @@ impl Considered {
         let (n, m) = (self.n, 2 * self.n);
         self.end_ns = rows.span(rows.len().saturating_sub(1)).1;
         self.summed.clear();
-        let length = rows.len().max(2) as f64 - 1.0;
+        let (suspects, length) = (rows.suspect_rows(), rows.len().max(2) as f64 - 1.0);
         self.clear_scores();
         for s in 0..self.count {
             let t = &mut self.sensitivity[s * n..(s + 1) * n];
@@ -423,7 +425,7 @@ impl Considered {
             for e in equations.iter().filter(|_| s < self.known) {
                 let weight = 1.0 / (e.divisor * e.divisor * e.variance.max(TINY));
                 for index in 0..rows.len() {
-                    rows.suspect_row(e.index, index, &mut self.columns[..self.known]);
+                    suspects.row(e.index, index, &mut self.columns[..self.known]);
                     let d = self.columns[s];
                     if d == 0.0 {
                         continue;

@@ -56,7 +56,7 @@ impl Groups {
     /// Begins a search for the cause: the plant may have changed in this block. Does nothing if the
     /// rows have no columns of errors to test.
     pub fn begin_cause_search(&mut self, rows: &dyn Summable) {
-        if rows.suspects() > 0 {
+        if rows.suspect_rows().count() > 0 {
             self.cause_search.begin(&mut self.states);
         }
     }

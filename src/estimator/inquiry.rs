@@ -241,8 +241,9 @@ impl Inquiry {
         }
         let (cross, gram, score) = block.columns;
         let room = score.len();
-        for s in (0..rows.suspects().min(self.gram.len())).filter(|&s| rows.is_sudden(s)) {
-            if let Some(changes) = rows.imitation(s) {
+        let suspects = rows.suspect_rows();
+        for s in (0..suspects.count().min(self.gram.len())).filter(|&s| suspects.is_sudden(s)) {
+            if let Some(changes) = suspects.imitation(s) {
                 self.imitate(s, &changes[block.parameters.clone()]);
                 continue;
             }

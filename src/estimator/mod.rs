@@ -60,6 +60,7 @@ mod sizes;
 mod state;
 pub(crate) mod stats;
 mod summed_rows;
+mod suspect_rows;
 mod suspicion;
 mod workspace;
 mod wrls;
@@ -80,10 +81,12 @@ pub(crate) use prior::starts;
 pub use prior::{EquationNoise, ParameterPrior};
 pub use report::{Change, ChangeKind, Held, Report};
 pub use state::{Phase, StateMachine, Verdict};
+pub use suspect_rows::SuspectRows;
 pub use suspicion::Suspicion;
 pub use wrls::{Wrls, WrlsError};
 
 use std::ops::Range;
+use suspect_rows::NoSuspects;
 
 /// Largest number of parameters of an estimator.
 pub const MAX_PARAMS: usize = 128;
@@ -196,53 +199,10 @@ pub trait Residuals {
     fn products(&self) -> &[(usize, usize)] {
         &[]
     }
-    /// Number of errors of the model for which the rows have a column: at most 1 of the whole
-    /// machine and [`ERRORS_PER_EQUATION`] of each equation; any beyond that are ignored.
-    fn suspects(&self) -> usize {
-        0
+    /// The errors of the model for which the rows have a column. None by default.
+    fn suspect_rows(&self) -> &dyn SuspectRows {
+        &NoSuspects
     }
-    /// Standard deviation of an error's amplitude; 0 for an error that is tested for but does not
-    /// widen the covariance.
-    fn suspect_std(&self, _suspect: usize) -> f64 {
-        0.0
-    }
-    /// True for an error that can arise while the machine runs, and may be the cause of a change
-    /// (`cause_search.rs`).
-    fn is_sudden(&self, _suspect: usize) -> bool {
-        false
-    }
-    /// True for an error that the parameters imitate, so its column is informative only after a
-    /// change.
-    fn is_imitated(&self, _suspect: usize) -> bool {
-        false
-    }
-    /// True for an error that makes the parameters contradict a relation between them
-    /// ([`EstimatorOptions::relations`]), though they describe the data.
-    fn contradicts_relations(&self, _suspect: usize) -> bool {
-        false
-    }
-    /// Standard deviation of an error that acts exactly like a parameter, in the parameter's unit.
-    /// No rows tell the two apart, so the published covariance always contains it.
-    fn inseparable_std(&self, _parameter: usize) -> f64 {
-        0.0
-    }
-    /// For a resonance, the input delay, because a resonance delays slow motion as well. The column
-    /// of a resonance is the first term of a series, which holds for slow motion only
-    /// (`summed_rows.rs`).
-    fn lags_as(&self, _suspect: usize) -> Option<usize> {
-        None
-    }
-    /// False for an error that is only allowed for, because likelier ones look the same.
-    fn is_named(&self, _suspect: usize) -> bool {
-        true
-    }
-    /// The relative changes of the parameters that an error of 1 is equivalent to, if it has no
-    /// column of its own.
-    fn imitation(&self, _suspect: usize) -> Option<&[f64]> {
-        None
-    }
-    /// Writes d_s = ∂f/∂a_s of a row over the errors, whitened as [`row`](Self::row) is.
-    fn suspect_row(&self, _equation: usize, _index: usize, _columns: &mut [f64]) {}
 }
 
 /// The rows of a block in their forward form.

@@ -141,7 +141,7 @@ pub struct Report {
     pub suspicion: Option<Suspicion>,
     /// A parameter that the data inform on but that is not usable, because most of its variance
     /// comes from considered errors that the motion does not show; and the largest of these errors,
-    /// an index of [`Residuals::suspects`](super::Residuals::suspects).
+    /// an index of [`SuspectRows`](super::SuspectRows).
     pub limited: Option<(usize, usize)>,
     /// True if no parameter of some group is usable until the cause of the last change is clear
     /// (`cause_search.rs`).

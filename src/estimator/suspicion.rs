@@ -6,8 +6,7 @@ const OF_ALL: f64 = 0.2;
 /// A term that the model lacks, with its evidence.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Suspicion {
-    /// Which error of [`Residuals::suspects`](super::Residuals::suspects); larger than these if a
-    /// parameter drifts.
+    /// Which error of [`SuspectRows`](super::SuspectRows); larger than these if a parameter drifts.
     pub suspect: usize,
     /// The drifting parameter, if that is the cause; the amplitude is then its relative rate
     /// \[1/s\].

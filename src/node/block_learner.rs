@@ -133,7 +133,8 @@ impl<B: SampleBlock + Send + 'static> Learner for BlockLearner<B> {
             });
             lacking.or_else(|| {
                 let (parameter, error) = report.limited?;
-                let name = self.rows.suspect(self.rows.suspects() + parameter)?.parameter?;
+                let drift = self.rows.suspect_rows().count() + parameter;
+                let name = self.rows.suspect(drift)?.parameter?;
                 Some(misfit::limit(name, &self.rows.suspect(error)?, end.last_seq))
             })
         };

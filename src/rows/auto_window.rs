@@ -18,7 +18,7 @@ use super::advice::{FEWEST_WINDOW_SAMPLES, Spectrum};
 use super::projected::{ProjectedBlock, ProjectedError, ProjectedOptions};
 use super::suspect::Suspect;
 use super::{FirstBlocks, SampleBlock};
-use crate::estimator::Residuals;
+use crate::estimator::{Residuals, SuspectRows};
 use crate::model::{JointSample, MAX_JOINTS, Plant, SharedPlant};
 use std::sync::Arc;
 
@@ -249,44 +249,8 @@ impl Residuals for AutoWindowBlock {
         self.own().sensor_variance(equation)
     }
 
-    fn suspects(&self) -> usize {
-        self.own().suspects()
-    }
-
-    fn suspect_std(&self, suspect: usize) -> f64 {
-        self.own().suspect_std(suspect)
-    }
-
-    fn is_sudden(&self, suspect: usize) -> bool {
-        self.own().is_sudden(suspect)
-    }
-
-    fn is_imitated(&self, suspect: usize) -> bool {
-        self.own().is_imitated(suspect)
-    }
-
-    fn contradicts_relations(&self, suspect: usize) -> bool {
-        self.own().contradicts_relations(suspect)
-    }
-
-    fn inseparable_std(&self, parameter: usize) -> f64 {
-        self.own().inseparable_std(parameter)
-    }
-
-    fn lags_as(&self, suspect: usize) -> Option<usize> {
-        self.own().lags_as(suspect)
-    }
-
-    fn is_named(&self, suspect: usize) -> bool {
-        self.own().is_named(suspect)
-    }
-
-    fn imitation(&self, suspect: usize) -> Option<&[f64]> {
-        self.own().imitation(suspect)
-    }
-
-    fn suspect_row(&self, equation: usize, index: usize, columns: &mut [f64]) {
-        self.own().suspect_row(equation, index, columns);
+    fn suspect_rows(&self) -> &dyn SuspectRows {
+        self.own().suspect_rows()
     }
 
     fn row_forward(&self, equation: usize, index: usize, theta: &[f64], regressor: &mut [f64]) -> f64 {

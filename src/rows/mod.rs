@@ -73,8 +73,8 @@ pub trait SampleBlock: Residuals {
     fn replaced(&self) -> u32 {
         0
     }
-    /// Describes error `index` of [`suspects`](Residuals::suspects); higher indices are the drifts
-    /// of the parameters.
+    /// Describes error `index` of [`suspect_rows`](Residuals::suspect_rows); higher indices are the
+    /// drifts of the parameters.
     fn suspect(&self, _index: usize) -> Option<Suspect<'_>> {
         None
     }

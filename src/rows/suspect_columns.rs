@@ -54,6 +54,7 @@ use super::through_drive::ThroughDrive;
 use super::trajectory::Trajectory;
 use super::turned::Turned;
 use super::whitening::{Direction, Whitening};
+use crate::estimator::SuspectRows;
 use crate::model::AnyPlant;
 
 /// Velocity, in standard deviations of its noise, below which a joint may be at rest.
@@ -191,54 +192,6 @@ impl SuspectColumns {
         self.through_drives.iter_mut().flatten().for_each(ThroughDrive::reset);
     }
 
-    /// Number of errors, including those without a column.
-    pub fn count(&self) -> usize {
-        self.places.count()
-    }
-
-    /// Standard deviation of an error's amplitude, 0 if it is only tested for.
-    pub fn std(&self, suspect: usize) -> f64 {
-        self.sizes.std(&self.places, &self.through_drives, suspect)
-    }
-
-    /// Standard deviation that viscous friction adds to a parameter of back EMF, 0 for others.
-    pub fn inseparable_std(&self, parameter: usize) -> f64 {
-        self.sizes
-            .inseparable_std(&self.places, &self.through_drives, parameter)
-    }
-
-    /// True if the error can arise while a machine runs: a supply that sags, a belt that slips, a
-    /// bus that becomes slower.
-    pub fn is_sudden(&self, suspect: usize) -> bool {
-        matches!(
-            self.places.kind(suspect),
-            SuspectKind::InputDelay
-                | SuspectKind::Gain
-                | SuspectKind::Coulomb
-                | SuspectKind::Offset
-                | SuspectKind::Zero
-                | SuspectKind::Scale
-                | SuspectKind::Clock
-        )
-    }
-
-    /// True for a scale, and for a gain without a prior (parameters are in the units that the drive
-    /// reports): both are informative only after a change.
-    pub fn is_imitated(&self, suspect: usize) -> bool {
-        let kind = self.places.kind(suspect);
-        kind == SuspectKind::Scale || kind == SuspectKind::Gain && self.sizes.considered.gain == 0.0
-    }
-
-    /// True for viscous friction behind an inductance: θ₃ is then off θ₁ θ₄/θ₂.
-    pub fn contradicts_relations(&self, suspect: usize) -> bool {
-        self.places.kind(suspect) == SuspectKind::Viscous
-    }
-
-    /// The relative changes of the parameters that an error of 1 is equivalent to.
-    pub fn imitation(&self, suspect: usize) -> Option<&[f64]> {
-        self.tempo.as_deref().filter(|_| suspect == 1 + CLOCK)
-    }
-
     /// Chooses whether there are columns of scales.
     pub fn enable_scale_columns(&mut self, enabled: bool) {
         let scales = (0..self.places.inputs.len()).map(|of| place(of, SCALE));
@@ -286,14 +239,6 @@ impl SuspectColumns {
             },
             largest,
         })
-    }
-
-    /// Writes d of a whitened row over all errors.
-    #[inline]
-    pub fn row(&self, equation: usize, row: usize, out: &mut [f64]) {
-        for (d, column) in out.iter_mut().zip(&self.white[equation]) {
-            *d = column.get(row).copied().unwrap_or(0.0);
-        }
     }
 
     /// Prepares the first `len` samples of a block; `q_std` are the standard deviations of the
@@ -445,6 +390,66 @@ impl SuspectColumns {
             &mut white[..rows]
         });
         whitening.apply_all(Direction::Backward, columns);
+    }
+}
+
+impl SuspectRows for SuspectColumns {
+    fn count(&self) -> usize {
+        self.places.count()
+    }
+
+    #[inline]
+    fn row(&self, equation: usize, index: usize, columns: &mut [f64]) {
+        for (d, column) in columns.iter_mut().zip(&self.white[equation]) {
+            *d = column.get(index).copied().unwrap_or(0.0);
+        }
+    }
+
+    fn std(&self, suspect: usize) -> f64 {
+        self.sizes.std(&self.places, &self.through_drives, suspect)
+    }
+
+    /// Viscous friction adds to a parameter of back EMF.
+    fn inseparable_std(&self, parameter: usize) -> f64 {
+        self.sizes
+            .inseparable_std(&self.places, &self.through_drives, parameter)
+    }
+
+    /// A supply sags, a belt slips, a bus becomes slower.
+    fn is_sudden(&self, suspect: usize) -> bool {
+        matches!(
+            self.places.kind(suspect),
+            SuspectKind::InputDelay
+                | SuspectKind::Gain
+                | SuspectKind::Coulomb
+                | SuspectKind::Offset
+                | SuspectKind::Zero
+                | SuspectKind::Scale
+                | SuspectKind::Clock
+        )
+    }
+
+    /// A scale, and a gain without a prior: parameters are in the units that the drive reports.
+    fn is_imitated(&self, suspect: usize) -> bool {
+        let kind = self.places.kind(suspect);
+        kind == SuspectKind::Scale || kind == SuspectKind::Gain && self.sizes.considered.gain == 0.0
+    }
+
+    /// Viscous friction behind an inductance: θ₃ is then off θ₁ θ₄/θ₂.
+    fn contradicts_relations(&self, suspect: usize) -> bool {
+        self.places.kind(suspect) == SuspectKind::Viscous
+    }
+
+    fn is_named(&self, suspect: usize) -> bool {
+        self.places.is_named(suspect)
+    }
+
+    fn lags_as(&self, suspect: usize) -> Option<usize> {
+        self.places.lags_as(suspect)
+    }
+
+    fn imitation(&self, suspect: usize) -> Option<&[f64]> {
+        self.tempo.as_deref().filter(|_| suspect == 1 + CLOCK)
     }
 }
 

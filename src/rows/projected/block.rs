@@ -5,7 +5,7 @@ use super::measured::MeasuredBlock;
 use super::options::{ProjectedError, ProjectedOptions};
 use super::projection::Projection;
 use super::sensor_noise::SensorNoise;
-use crate::estimator::Residuals;
+use crate::estimator::{Residuals, SuspectRows};
 use crate::model::{AnyPlant, JointSample, Plant, SharedPlant};
 use crate::rows::suspect::Suspect;
 use crate::rows::theta_polynomial::MAX_ORDER;
@@ -128,44 +128,8 @@ impl Residuals for ProjectedBlock {
         self.rows.block.noise.is_known().then_some(1.0)
     }
 
-    fn suspects(&self) -> usize {
-        self.rows.suspects.count()
-    }
-
-    fn suspect_std(&self, suspect: usize) -> f64 {
-        self.rows.suspects.std(suspect)
-    }
-
-    fn is_sudden(&self, suspect: usize) -> bool {
-        self.rows.suspects.is_sudden(suspect)
-    }
-
-    fn is_imitated(&self, suspect: usize) -> bool {
-        self.rows.suspects.is_imitated(suspect)
-    }
-
-    fn contradicts_relations(&self, suspect: usize) -> bool {
-        self.rows.suspects.contradicts_relations(suspect)
-    }
-
-    fn inseparable_std(&self, parameter: usize) -> f64 {
-        self.rows.suspects.inseparable_std(parameter)
-    }
-
-    fn lags_as(&self, suspect: usize) -> Option<usize> {
-        self.rows.suspects.places.lags_as(suspect)
-    }
-
-    fn is_named(&self, suspect: usize) -> bool {
-        self.rows.suspects.places.is_named(suspect)
-    }
-
-    fn imitation(&self, suspect: usize) -> Option<&[f64]> {
-        self.rows.suspects.imitation(suspect)
-    }
-
-    fn suspect_row(&self, equation: usize, index: usize, columns: &mut [f64]) {
-        self.rows.suspects.row(equation, index, columns);
+    fn suspect_rows(&self) -> &dyn SuspectRows {
+        &self.rows.suspects
     }
 
     fn row_forward(&self, equation: usize, index: usize, theta: &[f64], regressor: &mut [f64]) -> f64 {

@@ -6,7 +6,7 @@ mod recursion;
 use super::support::TestRng;
 use thetabus::estimator::{
     BlockEstimator, EquationNoise, EstimatorOptions, EstimatorState, Forgetting, ParameterPrior, Residuals,
-    StateMachine, Structure, Suspicion,
+    StateMachine, Structure, SuspectRows, Suspicion,
 };
 use thetabus::model::{JointSample, Manipulator, Plant};
 use thetabus::rows::{

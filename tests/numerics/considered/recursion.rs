@@ -36,14 +36,20 @@ impl Residuals for Line {
         regressor.copy_from_slice(&phi);
         y - phi[0] * theta[0] - phi[1] * theta[1]
     }
-    fn suspects(&self) -> usize {
+    fn suspect_rows(&self) -> &dyn SuspectRows {
+        self
+    }
+}
+
+impl SuspectRows for Line {
+    fn count(&self) -> usize {
         1
     }
-    fn suspect_std(&self, _: usize) -> f64 {
-        self.std
-    }
-    fn suspect_row(&self, _: usize, index: usize, columns: &mut [f64]) {
+    fn row(&self, _: usize, index: usize, columns: &mut [f64]) {
         columns[0] = self.rows[index].2;
+    }
+    fn std(&self, _: usize) -> f64 {
+        self.std
     }
     fn inseparable_std(&self, parameter: usize) -> f64 {
         if parameter == 0 { self.inseparable_std } else { 0.0 }

@@ -84,6 +84,7 @@ pub mod notation;
 pub mod offline;
 #[cfg(any(feature = "config", feature = "recording"))]
 mod pipe;
+mod random;
 #[cfg(feature = "recording")]
 pub mod recording;
 #[cfg(feature = "report")]

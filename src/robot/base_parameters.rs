@@ -17,10 +17,10 @@
 //! alone. Source: M. Gautier, J. of Robotic Systems 8 (1991); orthogonalisation twice after B.
 //! Parlett, *The Symmetric Eigenvalue Problem* (1980), 6-9.
 
-use super::random::Random;
 use super::regressor::EnergyRegressors;
 use super::spatial::{BODY_PARAMETERS, Placement};
 use super::tree::Robot;
+use crate::random::Random;
 use nalgebra::{Matrix3, Vector3};
 
 /// Order of a body's parameters: inertias about the axes, products, first moments, mass.

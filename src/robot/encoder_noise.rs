@@ -139,7 +139,7 @@ mod tests {
         let robot = Robot::from_urdf(urdf, &Selection::default()).unwrap();
         let model = RobotModel::new(robot, true, vec![Default::default(); 6]).unwrap();
         for (period_s, half_s, length_s) in [(0.001, 0.02, 0.1), (0.002, 0.02, 0.25), (0.01, 0.02, 0.25)] {
-            let mut random = super::super::random::Random(7);
+            let mut random = crate::random::Random(7);
             let log: Vec<RobotSample> = (0..(30.0 / period_s) as usize)
                 .map(|i| RobotSample {
                     t_s: period_s * i as f64,

@@ -22,10 +22,10 @@ use super::dynamics::inverse_dynamics;
 use super::error::MotionError;
 use super::motion_table::MotionTable;
 use super::prediction::Forecaster;
-use super::random::Random;
 use super::state::{RobotSample, Setpoint};
 use super::tree::Robot;
 use crate::model::MAX_JOINTS;
+use crate::random::Random;
 use std::f64::consts::{PI, TAU};
 
 /// Largest number of harmonics of an excitation.

@@ -212,7 +212,7 @@ mod tests {
         let urdf = include_str!("../../config/robots/six_axis.urdf");
         let robot = Robot::from_urdf(urdf, &Selection::default()).unwrap();
         for (by, is_missing) in [(0.0, false), (0.0, true), (0.02, false), (0.02, true)] {
-            let mut random = super::super::random::Random(3);
+            let mut random = crate::random::Random(3);
             let (mut jumps, mut velocities) = (Jumps::default(), Velocities::new(10, 1.0));
             let (mut rows, mut row) = (0, 0);
             let mut q = [0.0; MAX_JOINTS];

@@ -94,7 +94,6 @@ mod payload;
 mod persist;
 mod physical;
 mod prediction;
-mod random;
 mod recent;
 mod reference;
 mod regressor;

@@ -13,10 +13,10 @@
 
 use super::error::MotionError;
 use super::motion_table::MotionTable;
-use super::random::Random;
 use super::state::Setpoint;
 use super::tree::Robot;
 use crate::model::MAX_JOINTS;
+use crate::random::Random;
 use std::f64::consts::TAU;
 use std::sync::Arc;
 

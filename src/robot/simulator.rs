@@ -19,11 +19,11 @@ use super::dynamics::{forward_dynamics, inverse_dynamics};
 use super::error::RobotSimError;
 use super::friction::{Engagement, FrictionTerm, JointFriction};
 use super::model::RobotModel;
-use super::random::Random;
 use super::reference::{MotionLimits, Motions, Reference};
 use super::spatial::{BodyParameters, Placement};
 use super::tree::Robot;
 use crate::model::{JointSample, MAX_JOINTS};
+use crate::random::Random;
 
 /// Torque of a joint without a limit \[N m or N\], for values derived from it.
 const UNLIMITED_EFFORT: f64 = 100.0;

@@ -122,7 +122,7 @@ mod tests {
 
     /// e, relative to Δ/√12, of a torque with this slope per sample.
     fn error(noise: f64, slope: f64) -> f64 {
-        let mut random = super::super::random::Random(3);
+        let mut random = crate::random::Random(3);
         let mut counts = TorqueCounts::new(0);
         let urdf = include_str!("../../config/robots/six_axis.urdf");
         let robot = super::super::tree::Robot::from_urdf(urdf, &Default::default()).unwrap();

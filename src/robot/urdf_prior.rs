@@ -32,12 +32,12 @@
 
 use super::friction::FrictionTerm;
 use super::model::RobotModel;
-use super::random::Random;
 use super::regressor::EnergyRegressors;
 use super::spatial::BODY_PARAMETERS;
 use super::tree::Robot;
 use crate::estimator::linalg::{Cholesky, dot};
 use crate::model::MAX_JOINTS;
+use crate::random::Random;
 use nalgebra::{DMatrix, DVector, Vector3};
 use std::f64::consts::PI;
 use std::fmt;

@@ -248,9 +248,10 @@ fn sensitivity(
 
 #[cfg(test)]
 mod tests {
-    use super::super::probes::Random;
+    use super::super::probes::signed;
     use super::*;
     use crate::model::{Manipulator, RawManipulator};
+    use crate::random::Random;
 
     #[test]
     fn val_the_arm_comes_apart_as_its_equations_are_written() {
@@ -282,14 +283,14 @@ mod tests {
     fn val_the_parts_add_up_to_the_terms() {
         let plant = Manipulator::default();
         let separation = Separation::new(&plant);
-        let mut random = Random::new(5);
+        let mut random = Random(5);
         for _ in 0..200 {
             let mut q = [0.0; MAX_JOINTS];
             let mut dq = [0.0; MAX_JOINTS];
             for joint in 0..2 {
-                (q[joint], dq[joint]) = (random.signed(3.0), random.signed(20.0));
+                (q[joint], dq[joint]) = (signed(&mut random, 3.0), signed(&mut random, 20.0));
             }
-            let theta: Vec<f64> = (0..9).map(|_| random.signed(30.0)).collect();
+            let theta: Vec<f64> = (0..9).map(|_| signed(&mut random, 30.0)).collect();
             let mut features = vec![0.0; separation.features];
             let signals = |joint: usize, _: usize| (q[joint], dq[joint]);
             separation.extract(&plant, 0..1, signals, |feature, _, value| features[feature] = value);

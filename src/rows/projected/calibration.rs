@@ -192,7 +192,7 @@ fn products(columns: &[Vec<f64>], rows: usize, scale: &[f64], mut put: impl FnMu
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rows::probes::Random;
+    use crate::random::Random;
 
     const ROWS: usize = 4000;
 
@@ -203,7 +203,7 @@ mod tests {
 
     /// Columns of very different size with noise of these shares, and a draw of the same noise.
     fn columns(shares: &[f64], seed: u64) -> [Vec<Vec<f64>>; 3] {
-        let mut random = Random::new(seed);
+        let mut random = Random(seed);
         let [mut truth, mut seen, mut draw] = <[Vec<Vec<f64>>; 3]>::default();
         for (k, share) in shares.iter().enumerate() {
             let size = 10f64.powi(4 * k as i32);

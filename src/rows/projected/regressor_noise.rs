@@ -23,7 +23,7 @@ use super::reversals;
 use super::shared_errors::SharedErrors;
 use super::whitened_rows::WhitenedRows;
 use super::windows::Window;
-use crate::rows::probes::{GOLDEN, mix};
+use crate::random::{GOLDEN, mix};
 use crate::rows::standstill::Standstill;
 use crate::rows::trajectory::Trajectory;
 use crate::rows::whitening::{Direction, Whitening};

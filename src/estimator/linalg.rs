@@ -10,7 +10,8 @@
 /// stays below it.
 pub const RANK_TOLERANCE: f64 = 1e-13;
 
-/// xᵀ y.
+/// xᵀ y, summed in order: the vectors of the estimators are short. `rows/kernel.rs` has one for
+/// windows, in eight running sums.
 pub fn dot(x: &[f64], y: &[f64]) -> f64 {
     x.iter().zip(y).map(|(a, b)| a * b).sum()
 }
@@ -214,7 +215,6 @@ impl Cholesky {
 
     /// x ← F⁻¹ x with A = F Fᵀ: half of [`solve`](Self::solve), so that yᵀ A⁻¹ x is the product of
     /// two halves.
-    #[cfg(feature = "robot")]
     pub fn solve_half(&self, x: &mut [f64]) {
         let n = self.n;
         for i in 0..n {
@@ -226,10 +226,7 @@ impl Cholesky {
     /// x ← A⁻¹ x.
     pub fn solve(&self, x: &mut [f64]) {
         let n = self.n;
-        for i in 0..n {
-            let v = x[i] * self.scale[i] - dot(&self.lower[i * n..i * n + i], &x[..i]);
-            x[i] = v / self.lower[i * n + i];
-        }
+        self.solve_half(x);
         for i in (0..n).rev() {
             let mut v = x[i];
             for k in i + 1..n {

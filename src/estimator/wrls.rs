@@ -137,6 +137,7 @@ impl Wrls {
 
 #[cfg(test)]
 mod tests {
+    use super::super::linalg::dot;
     use super::*;
 
     // A deterministic, persistently exciting regressor: four incommensurate tones and a constant,
@@ -158,10 +159,6 @@ mod tests {
     fn v(k: usize, x: &[f64; 5]) -> f64 {
         let noise = ((k as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 11) as f64 / (1u64 << 53) as f64 - 0.5;
         dot(x, &TRUTH) + 0.02 * noise
-    }
-
-    fn dot(x: &[f64], y: &[f64]) -> f64 {
-        x.iter().zip(y).map(|(a, b)| a * b).sum()
     }
 
     /// The update as many texts print it, P ← (P − k (P x)ᵀ)/λ with k = P x/(λ + xᵀP x).

@@ -18,7 +18,7 @@
 use super::base_parameters::Standard;
 use super::error::StandardError;
 use super::model::RobotModel;
-use super::physical::{is_physical, pseudo_inertia};
+use super::physical::{directions, is_physical, log_determinant, pseudo_inertia, shortened};
 use super::spatial::{BODY_PARAMETERS, BodyParameters};
 use super::tree::Robot;
 use nalgebra::{DMatrix, DVector, Matrix3, Matrix4};
@@ -184,11 +184,7 @@ impl Problem {
             rest,
             prior,
             inverse_prior,
-            directions: std::array::from_fn(|i| {
-                let mut unit = BodyParameters::default();
-                unit.0[i] = 1.0;
-                pseudo_inertia(&unit)
-            }),
+            directions: directions(),
         })
     }
 
@@ -222,9 +218,7 @@ impl Problem {
         let mut cost = 0.5 * off.dot(&(&self.information * &off));
         for joint in 0..self.joints {
             let j = pseudo_inertia(&self.link(x, joint));
-            let factor = j.cholesky()?;
-            let logarithm: f64 = factor.l_dirty().diagonal().iter().map(|d| 2.0 * d.ln()).sum();
-            cost += gamma * ((self.inverse_prior[joint] * j).trace() - logarithm); // (1)
+            cost += gamma * ((self.inverse_prior[joint] * j).trace() - log_determinant(j)?); // (1)
         }
         if self.has_rotors {
             for (inertia, prior) in self.rotors(x).iter().zip(&self.rotor_prior) {
@@ -286,22 +280,10 @@ impl Problem {
             let decrement = right.dot(&step);
             let step = step.component_mul(&scale);
             let now = self.cost(&x, gamma).ok_or(StandardError::Impossible)?;
-            let mut part = 1.0;
-            let moved = loop {
-                let next = &x + &step * part;
-                if self
-                    .cost(&next, gamma)
-                    .is_some_and(|next| next <= now - 0.1 * part * decrement)
-                {
-                    x = next;
-                    break true;
-                }
-                part *= 0.5;
-                if part < 1e-9 {
-                    break false;
-                }
-            };
-            if decrement < SETTLED * gamma || !moved {
+            let next = shortened(now, decrement, |part| &x + &step * part, |x| self.cost(x, gamma));
+            let is_minimum = decrement < SETTLED * gamma || next.is_none();
+            x = next.unwrap_or(x);
+            if is_minimum {
                 if gamma <= WEIGHTS.1 {
                     break;
                 }

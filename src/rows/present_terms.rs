@@ -11,7 +11,9 @@ fn some_theta(plant: &dyn AnyPlant) -> Vec<f64> {
 }
 
 /// True if an equation jumps when a joint begins to move: the model has Coulomb friction or
-/// something similar.
+/// something similar, however small beside its other terms. Otherwise a column would treat that
+/// friction as an error. `standstill.rs` asks for less and for more: for jumps large enough to
+/// spoil a row at rest, but also for those of terms that are differentiated.
 pub(super) fn has_jump(plant: &dyn AnyPlant, equation: usize, joint: usize) -> bool {
     let theta = some_theta(plant);
     let at = |speed: f64| {

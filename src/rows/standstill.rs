@@ -78,7 +78,8 @@ pub(super) fn motion_needed(plant: &dyn AnyPlant) -> Vec<u32> {
 }
 
 /// True if a term of the equation that is differentiated `least` times or more jumps as the joint
-/// reverses, at one of a few states and parameter values.
+/// reverses, at one of a few states and parameter values. (`present_terms::has_jump` also counts
+/// jumps that are small beside the rest of a term.)
 fn jumps(plant: &dyn AnyPlant, equation: usize, joint: usize, least: usize) -> bool {
     let params = plant.parameters().len().min(MAX_PARAMS);
     let order = plant.equations()[equation].order;

@@ -32,6 +32,7 @@ mod standstill;
 mod start;
 mod suspect;
 mod suspect_columns;
+mod suspect_effects;
 mod suspect_places;
 mod suspect_sizes;
 mod tempo;

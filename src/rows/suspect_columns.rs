@@ -21,12 +21,9 @@
 //! | another scale of an encoder: reads q (1 + a) | Σ_k q_k ∂f_i/∂q_k | share |
 //! | a clock that runs fast | none: it is a change of the parameters (`tempo.rs`) | share |
 //!
-//! Friction that falls with speed (R. Stribeck 1902), a dead band and what differs by direction
-//! have columns only if the model has Coulomb friction, or they would hardly differ from it. A dead
-//! time has one if the model has back EMF and an inductance. A spring has one at any joint whose
-//! model has none, because a weight and an inertia look like it. There are two columns of friction
-//! that falls with speed, with v_s of 0.2 and of 0.8 times the root mean square of the velocity in
-//! the first block that moves: together they approximate any v_s between.
+//! There are two columns of friction that falls with speed (R. Stribeck 1902), with v_s of 0.2 and
+//! of 0.8 times the root mean square of the velocity in the first block that moves: together they
+//! approximate any v_s between. `suspect_effects.rs` says which errors have a column at all.
 //!
 //! sat is the sign function with a linear middle. For velocities it is three standard deviations of
 //! their noise wide, because at rest the sign is that of the noise, and for inputs a fiftieth of
@@ -42,11 +39,11 @@
 use super::by_direction::ByDirection;
 use super::drive_shapes::DriveShapes;
 use super::kernel::{Kernels, dot};
-use super::present_terms::{has_jump, has_term};
 use super::suspect::{Considered, Suspect, SuspectKind};
+use super::suspect_effects::SuspectEffects;
 use super::suspect_places::{
     CLOCK, COSINE, DEAD_BAND, DELAY, FRICTION, GAIN, GAIN_BY_DIRECTION, INERTIA, LOAD_FRICTION, OFFSET, RESONANCE,
-    SCALE, SINE, SLOW_FRICTION, SPRING, SuspectPlaces, VISCOUS, VISCOUS_BY_DIRECTION, WITH_COULOMB, ZERO, place,
+    SCALE, SINE, SLOW_FRICTION, SPRING, SuspectPlaces, VISCOUS, VISCOUS_BY_DIRECTION, ZERO, place,
 };
 use super::suspect_sizes::SuspectSizes;
 use super::tempo::tempo;
@@ -104,69 +101,37 @@ impl SuspectColumns {
         rows: usize,
         capacity: usize,
     ) -> Self {
-        let equations = plant.equations();
-        let inputs: Vec<usize> = equations.iter().map(|e| e.input).collect();
-        let jumps: Vec<bool> = (0..equations.len()).map(|e| has_jump(plant, e, inputs[e])).collect();
-        let constant: Vec<bool> = (0..equations.len())
-            .map(|e| has_term(plant, e, 0, |_, _| 1.0))
-            .collect();
-        let springs: Vec<bool> = (0..equations.len())
-            .map(|e| has_term(plant, e, 0, |q, _| q[inputs[e]]))
-            .collect();
-        let through_drives: Vec<Option<ThroughDrive>> =
-            (0..equations.len()).map(|e| ThroughDrive::new(plant, e)).collect();
-        let passes = |e: usize, is_of: fn(&ThroughDrive) -> bool| through_drives[e].as_ref().is_some_and(is_of);
-        let has_dead_band = |e: usize| jumps[e] || passes(e, ThroughDrive::has_back_emf);
         let turns = considered.eccentricity_rad.is_some();
-        // one encoder per joint, whatever its number of equations
-        let first_of = |of: usize| !inputs[..of].contains(&inputs[of]);
-        let touches = |e: usize, suspect: usize| {
-            let Some((of, index)) = SuspectPlaces::within(suspect) else {
-                return plant.input_delay().is_none();
-            };
-            match index {
-                OFFSET => of == e && !constant[e],
-                SPRING => of == e && !springs[e],
-                INERTIA => of == e && passes(e, ThroughDrive::has_inertia),
-                VISCOUS => of == e && passes(e, ThroughDrive::has_friction),
-                DEAD_BAND => of == e && has_dead_band(e),
-                _ if WITH_COULOMB.contains(&index) => of == e && jumps[e],
-                CLOCK => false,
-                SCALE => moves(e, inputs[of]) && first_of(of),
-                SINE | COSINE => turns && moves(e, inputs[of]) && first_of(of),
-                // otherwise the column is only rounding, which would count as evidence
-                ZERO => turns && depends_on_place(e, inputs[of]) && first_of(of),
-                _ => of == e,
-            }
+        let effects = SuspectEffects::of(plant, turns);
+        let equations = effects.places.inputs.len();
+        let column = |e: usize, suspect: usize| match effects.have_column(e, suspect, &moves, &depends_on_place) {
+            true => vec![0.0; rows],
+            false => Vec::new(),
         };
-        let columns: Vec<Vec<Vec<f64>>> = (0..equations.len())
-            .map(|e| {
-                (0..place(equations.len(), 0))
-                    .map(|s| if touches(e, s) { vec![0.0; rows] } else { Vec::new() })
-                    .collect()
-            })
+        let columns: Vec<Vec<Vec<f64>>> = (0..equations)
+            .map(|e| (0..effects.places.count()).map(|s| column(e, s)).collect())
             .collect();
+        let jumps = &effects.places.jumps;
         let room = |needed: bool| vec![0.0; if needed { capacity } else { 0 }];
         Self {
-            sizes: SuspectSizes::new(considered, equations.len()),
+            sizes: SuspectSizes::new(considered, equations),
             parameters: plant.parameters().iter().map(|p| p.name.to_string()).collect(),
             white: columns.clone(),
             columns,
-            drives: (0..equations.len())
+            drives: (0..equations)
                 .map(|e| DriveShapes {
-                    dead_band: room(has_dead_band(e)),
-                    spring: room(!springs[e]),
+                    dead_band: room(effects.has_dead_band(e)),
+                    spring: room(!effects.has_spring[e]),
                 })
                 .collect(),
             by_direction: jumps
                 .iter()
                 .map(|&jumps| ByDirection::new(if jumps { capacity } else { 0 }))
                 .collect(),
-            through_drives,
             frictions: jumps.iter().map(|&jumps| [room(true), room(jumps)]).collect(),
             turns: (0..plant.joints())
                 .map(|j| {
-                    let turns = turns && inputs.contains(&j);
+                    let turns = turns && effects.places.inputs.contains(&j);
                     [room(turns), room(turns), room(turns)]
                 })
                 .collect(),
@@ -174,7 +139,8 @@ impl SuspectColumns {
             has_scale_columns: false,
             tempo: tempo(plant),
             velocity_gain: dot(velocity_weights, velocity_weights).sqrt(),
-            places: SuspectPlaces { inputs, jumps },
+            places: effects.places,
+            through_drives: effects.through_drives,
             sample_period_s: 0.0,
         }
     }

@@ -35,7 +35,7 @@
 use super::drive_gain_room::{DriveGains, WrongGain};
 use super::identify::{RobotIdentifier, TRIED};
 use super::learning::{ROWS_PER_PARAMETER, SMALLEST_STD};
-use super::model::Unmodelled;
+use super::unmodelled::Unmodelled;
 use crate::model::MAX_JOINTS;
 
 /// T \[s\].

@@ -61,8 +61,8 @@ use super::friction::FrictionTerm;
 use super::identify::RobotIdentifier;
 use super::learning::friction_misfit;
 use super::left_out_room::{LeftOut, LeftOutCause, ROUNDING};
-use super::model::{LeftOutTerm, Unmodelled};
 use super::sums::JointSums;
+use super::unmodelled::{LeftOutTerm, Unmodelled};
 use crate::model::MAX_JOINTS;
 use std::ops::Range;
 

@@ -2,7 +2,7 @@
 //! [`left_out`](super::left_out).
 
 use super::information::Information;
-use super::model::{LeftOutTerm, Unmodelled};
+use super::unmodelled::{LeftOutTerm, Unmodelled};
 use crate::estimator::linalg::{Cholesky, dot};
 
 /// Share of a term's information that counts as rounding: the parameters can imitate a term

@@ -108,6 +108,7 @@ mod sums;
 mod suspicion;
 mod torque_counts;
 mod tree;
+mod unmodelled;
 mod urdf;
 mod urdf_moments;
 mod urdf_prior;
@@ -147,7 +148,7 @@ pub use left_out_room::LeftOutCause;
 #[cfg(feature = "config")]
 pub(crate) use log::columns_in;
 pub use log::{Drives, LogColumns, RobotLog, read_log};
-pub use model::{Meaningful, RobotModel, RobotParameter, Unmodelled};
+pub use model::{Meaningful, RobotModel, RobotParameter};
 pub use motion_table::{MotionTable, read_motion};
 pub use payload::Payload;
 pub use physical::{
@@ -167,6 +168,7 @@ pub use standard::StandardParameters;
 pub use state::{FilteredSample, RobotSample, Setpoint};
 pub use suspicion::RobotSuspicion;
 pub use tree::{Robot, RobotJoint, RobotLink, Selection};
+pub use unmodelled::Unmodelled;
 pub use urdf::{Joint, JointKind, Limits, Link, Urdf};
 pub use urdf_prior::{Reversed, UrdfContradiction};
 pub use urdf_writer::{JointValues, LinkValues, write_urdf};

@@ -3,7 +3,7 @@
 use super::drive_gain_room::WrongGain;
 use super::inquiry_room::RobotDoubt;
 use super::left_out_room::LeftOutCause;
-use super::model::Unmodelled;
+use super::unmodelled::Unmodelled;
 use super::urdf_prior::UrdfContradiction;
 use super::velocity_ratio::WrongVelocities;
 use std::f64::consts::{PI, TAU};

@@ -246,7 +246,8 @@ impl DriveGains {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tree::{Robot, Selection};
+    use super::super::selection::Selection;
+    use super::super::tree::Robot;
     use super::*;
 
     fn model() -> RobotModel {

@@ -125,7 +125,8 @@ impl EncoderNoise {
 mod tests {
     use super::super::model::RobotModel;
     use super::super::rows::WeakRows;
-    use super::super::tree::{Robot, Selection};
+    use super::super::selection::Selection;
+    use super::super::tree::Robot;
     use super::super::velocity::with_velocities;
     use super::super::windows::WindowOptions;
     use super::*;

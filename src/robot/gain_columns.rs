@@ -79,7 +79,8 @@ impl GainColumns {
 #[cfg(test)]
 mod tests {
     use super::super::model::RobotModel;
-    use super::super::tree::{Robot, Selection};
+    use super::super::selection::Selection;
+    use super::super::tree::Robot;
     use super::*;
 
     /// Compares (2) with sums over the rows themselves, for a payload whose columns are those of

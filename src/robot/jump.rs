@@ -151,7 +151,7 @@ impl Others {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tree::Selection;
+    use super::super::selection::Selection;
     use super::super::velocity::Velocities;
     use super::*;
 

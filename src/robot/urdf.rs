@@ -1,8 +1,8 @@
 //! A URDF as links and joints, each checked separately: names, numbers, axes, masses, inertias.
 //!
-//! Properties of the whole (loops, tips, bodies without mass) are checked in [`tree`](super::tree).
-//! Meshes, transmissions and simulator extensions are irrelevant to rigid-body dynamics and are
-//! ignored. Format: the `urdf` package of ROS.
+//! Properties of the whole are checked in [`selection`](super::selection) (loops, tips) and
+//! [`tree`](super::tree) (bodies without mass). Meshes, transmissions and simulator extensions are
+//! irrelevant to rigid-body dynamics and are ignored. Format: the `urdf` package of ROS.
 
 use super::error::UrdfError;
 use super::spatial::{BodyParameters, Placement};
@@ -102,6 +102,13 @@ pub struct Joint {
     pub limits: Limits,
     /// Name of the joint that this one mimics.
     pub mimic: Option<String>,
+}
+
+impl Joint {
+    /// An error about this joint.
+    pub(super) fn error(&self, expected: &str, got: String) -> UrdfError {
+        UrdfError::new(self.line, format!("<joint name=\"{}\">", self.name), expected, got)
+    }
 }
 
 /// Links and joints of a file.

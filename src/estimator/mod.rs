@@ -59,6 +59,7 @@ mod score_test;
 mod sizes;
 mod state;
 pub(crate) mod stats;
+mod summed_evidence;
 mod summed_rows;
 mod suspect_rows;
 mod suspicion;

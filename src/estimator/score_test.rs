@@ -41,8 +41,8 @@
 use super::considered::room_for;
 use super::linalg::Cholesky;
 use super::persist::{Visit, visit_symmetric};
-use super::score_sums::{ENOUGH, GroupEvidence, GroupScores, MEMORY, Term};
-use super::summed_rows::SummedScore;
+use super::score_sums::{ENOUGH, GroupEvidence, GroupScores};
+use super::summed_evidence::SummedEvidence;
 use super::suspicion::{Judged, Suspicion};
 
 /// Standard deviations above which a term is named.
@@ -70,10 +70,7 @@ const QUIET: f64 = 0.65;
 #[derive(Debug, Clone)]
 pub struct ScoreTest {
     groups: Vec<GroupScores>,
-    /// Sums of each term over the scores of summed rows, and χ² of these.
-    summed: Vec<Term>,
-    summed_misfit: Vec<f64>,
-    pending_summed: Vec<SummedScore>,
+    summed: SummedEvidence,
     /// Index of the first drift.
     drifts: usize,
     /// σ_s and M.
@@ -94,9 +91,7 @@ impl ScoreTest {
         Self {
             groups: vec![GroupScores::new(room); groups],
             drifts: first,
-            summed: vec![Term::default(); first],
-            summed_misfit: vec![0.0; first],
-            pending_summed: vec![SummedScore::default(); first],
+            summed: SummedEvidence::new(first),
             std: vec![0.0; room],
             moments: vec![0.0; room * room],
             factor: Cholesky::new(room),
@@ -108,16 +103,14 @@ impl ScoreTest {
     /// Forgets everything.
     pub fn reset(&mut self) {
         self.groups.iter_mut().for_each(GroupScores::reset);
-        self.summed.fill(Term::default());
-        self.summed_misfit.fill(0.0);
+        self.summed.reset();
         self.moments.fill(0.0);
     }
 
     /// What goes from block to block.
     pub fn visit(&mut self, v: &mut impl Visit) {
         self.groups.iter_mut().for_each(|group| group.visit(v));
-        self.summed.iter_mut().for_each(|term| term.visit(v));
-        v.reals(&mut self.summed_misfit);
+        self.summed.visit(v);
         visit_symmetric(v, &mut self.moments, self.std.len());
     }
 
@@ -142,27 +135,20 @@ impl ScoreTest {
     /// Begins a block.
     pub fn begin(&mut self) {
         self.groups.iter_mut().for_each(GroupScores::begin);
-        self.pending_summed.fill(SummedScore::default());
+        self.summed.begin();
     }
 
     /// Adds the evidence of a group.
     pub fn take(&mut self, group: usize, evidence: &GroupEvidence<'_>) {
         self.groups[group].take(evidence);
         let (_, _, summed) = evidence.scores;
-        let pending = self.pending_summed.iter_mut().zip(summed);
-        // the rows of an equation belong to one group
-        let informs = |(_, new): &(&mut SummedScore, &SummedScore)| new.information > 0.0;
-        pending.filter(informs).for_each(|(own, new)| *own = *new);
+        self.summed.take(summed);
     }
 
     /// Ends a block.
     pub fn end(&mut self) {
         self.groups.iter_mut().for_each(GroupScores::end);
-        let summed = self.summed.iter_mut().zip(&mut self.summed_misfit);
-        for ((term, misfit), new) in summed.zip(&self.pending_summed) {
-            term.take(new.score, new.information);
-            *misfit = MEMORY * *misfit + if new.misfit.is_finite() { new.misfit } else { 0.0 };
-        }
+        self.summed.end();
         self.learn();
     }
 
@@ -248,7 +234,7 @@ impl ScoreTest {
         };
         let named = (0..self.std.len()).filter(|&s| is_named(s));
         let all = named.filter_map(|s| self.judge(s)).filter(significant);
-        let in_sums = (0..self.summed.len()).filter_map(|s| self.judge_sums(s));
+        let in_sums = (0..self.summed.len()).filter_map(|s| self.summed.judge(s));
         let likeliest = largest(&mut all.filter(Judged::counts)).map(|likeliest| {
             let terms = (0..self.summed.len()).filter(|&s| lags_as(s) == Some(likeliest.suspect));
             let beside = terms.filter_map(|s| self.resonance_beside(s, &likeliest));
@@ -262,10 +248,10 @@ impl ScoreTest {
 
     /// â² + 1/I of a term that sums of rows show, 0 for others.
     fn seen_in_sums(&self, suspect: usize) -> f64 {
-        let judged = self.judge_sums(suspect);
+        let judged = self.summed.judge(suspect);
         let counts = |j: &Judged| j.is_beyond(BELIEVED, REPEATED_BELIEVED) && j.explains_much();
         judged.filter(counts).map_or(0.0, |j| {
-            j.suspicion.amplitude.powi(2) + 1.0 / self.summed[suspect].information
+            j.suspicion.amplitude.powi(2) + 1.0 / self.summed.information(suspect)
         })
     }
 
@@ -342,34 +328,12 @@ impl ScoreTest {
         };
         (information > 0.0 && amplitude > delay.amplitude.powi(2)).then_some(resonance)
     }
-
-    /// The same for sums of rows, whose scatter is their noise.
-    fn judge_sums(&self, suspect: usize) -> Option<Judged> {
-        let (term, misfit) = (self.summed.get(suspect)?, *self.summed_misfit.get(suspect)?);
-        let amplitude = term.score / term.information;
-        let explained = term.score * amplitude;
-        let scatter = term.scatter(amplitude).max(1e-12 * term.score_square);
-        let judged = Judged {
-            explained,
-            // sums of rows are in units of their own scatter
-            level: 1.0,
-            blocks: term.blocks,
-            repeated: term.score.abs() / scatter.sqrt(),
-            noise_is_configured: false,
-            suspicion: Suspicion {
-                suspect,
-                drifting: None,
-                amplitude,
-                deviations: term.score.abs() / term.information.sqrt(),
-                share: (explained / misfit.max(explained)).clamp(0.0, 1.0),
-            },
-        };
-        (term.information > 0.0 && amplitude.is_finite() && scatter > 0.0).then_some(judged)
-    }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::score_sums::MEMORY;
+    use super::super::summed_rows::SummedScore;
     use super::*;
 
     fn evidence<'a>(

@@ -11,6 +11,7 @@ use super::explained::Explained;
 use super::fit::Fit;
 use super::fit_statistic::{BlockFit, EquationFit, NoiseLevel};
 use super::groups::Groups;
+use super::index_set::IndexSet;
 use super::options::{ChangeDetection, EstimatorError, EstimatorOptions};
 use super::pass::Summable;
 use super::persist::{EstimatorState, Load, Save, StateError, Visit};
@@ -301,12 +302,12 @@ impl BlockEstimator {
         let (mut lines, broken) = self
             .drift
             .follow(rows, &mut self.groups, &mut self.theta, &self.options);
-        if lines != 0 {
+        if !lines.is_empty() {
             self.report.change = Some(Change::over_the_block(ChangeKind::Drift, rows));
         }
         self.fit(rows, lines);
         if let Some(detection) = self.options.change_detection {
-            lines |= self.watch(rows, lines, detection);
+            lines = lines.union(self.watch(rows, lines, detection));
             if broken {
                 self.give_up_the_line();
             }
@@ -346,10 +347,10 @@ impl BlockEstimator {
     }
 
     /// Fits the groups that follow no line, and compares the results with their priors.
-    fn fit(&mut self, rows: &dyn Summable, lines: u64) {
+    fn fit(&mut self, rows: &dyn Summable, lines: IndexSet) {
         let single = self.options.max_iterations == 1; // one step from θ̄ per block
         for (k, group) in self.groups.iter_mut().enumerate() {
-            if lines >> k & 1 == 1 {
+            if lines.contains(k) {
                 continue;
             }
             if single {
@@ -363,7 +364,7 @@ impl BlockEstimator {
         // with one iteration the sums are those at θ̄
         let at = if single { &self.before } else { &self.theta };
         for (k, group) in self.groups.iter_mut().enumerate() {
-            if lines >> k & 1 == 0 {
+            if !lines.contains(k) {
                 group.suspect(rows, 0..rows.len(), at);
                 group.probability = group.change_probability(rows, at);
             }
@@ -382,7 +383,7 @@ impl BlockEstimator {
     }
 
     /// Updates information, noise and evidence of each group; `single`: the sums were taken at θ̄.
-    fn conclude(&mut self, rows: &dyn Summable, lines: u64, single: bool) {
+    fn conclude(&mut self, rows: &dyn Summable, lines: IndexSet, single: bool) {
         let end_ns = rows.span(rows.len() - 1).1;
         let changed = self.report.change.is_some();
         self.score_test.begin();
@@ -390,7 +391,7 @@ impl BlockEstimator {
             let own = group.parameters.clone();
             let fits = group.equations.iter().all(|e| self.report.misfit >> e.index & 1 == 0);
             group.since_misfit = if fits { group.since_misfit.saturating_add(1) } else { 0 };
-            if lines >> k & 1 == 1 {
+            if lines.contains(k) {
                 group.suspect_line(rows, &mut self.later);
                 group.conclude_line(&self.theta, &self.options);
                 // only this block informs on a moving parameter
@@ -441,10 +442,10 @@ impl BlockEstimator {
 
     /// Judges how well the block fits at θ̂, see `fit_statistic.rs` and `evidence.rs`; `single`:
     /// the sums were taken at θ̄.
-    fn judge_fit(&mut self, rows: &dyn Summable, lines: u64, single: bool) {
+    fn judge_fit(&mut self, rows: &dyn Summable, lines: IndexSet, single: bool) {
         let mut whole = BlockFit::default();
         for (k, group) in self.groups.iter_mut().enumerate() {
-            let line = lines >> k & 1 == 1;
+            let line = lines.contains(k);
             for (e, sums) in group.equations.iter().zip(&group.at) {
                 let noise_is_configured = e.floor > 0.0;
                 let level = NoiseLevel {
@@ -481,23 +482,23 @@ impl BlockEstimator {
 
     /// Tests the groups that follow no line. If one raises an alarm, finds what changed and fits
     /// again. Returns the groups that now follow a line.
-    fn watch(&mut self, rows: &dyn Summable, lines: u64, detection: ChangeDetection) -> u64 {
+    fn watch(&mut self, rows: &dyn Summable, lines: IndexSet, detection: ChangeDetection) -> IndexSet {
         let alarm = self.search(rows).alarm(lines, detection);
         let joined = alarm.joined;
         self.report.change_probability = alarm.probability;
         if !alarm.raised {
-            return 0;
+            return IndexSet::EMPTY;
         }
         if !alarm.known {
             let refit = self.search(rows).widen(joined, lines);
             self.take_refit(refit);
-            return 0;
+            return IndexSet::EMPTY;
         }
         let change = match self.search(rows).explain(joined, detection.margin) {
             Ok(change) => change,
             Err(refit) => {
                 self.take_refit(refit);
-                return 0;
+                return IndexSet::EMPTY;
             }
         };
         if change.kind != ChangeKind::Drift {
@@ -506,12 +507,12 @@ impl BlockEstimator {
         }
         self.groups.doubt(&self.theta);
         self.report.change = Some(change);
-        let mut started = 0;
+        let mut started = IndexSet::EMPTY;
         if change.kind == ChangeKind::Drift {
             started = self.drift.start(rows, &mut self.groups, &mut self.theta, &self.options);
         }
-        let mut search = self.search(rows);
-        let refit = search.refit(joined & !started, lines | started, change, detection.margin);
+        let (joined, lines) = (joined.difference(started), lines.union(started));
+        let refit = self.search(rows).refit(joined, lines, change, detection.margin);
         self.take_refit(refit);
         started
     }

@@ -40,6 +40,7 @@
 
 use super::considered::PER_EQUATION;
 use super::group::GroupState;
+use super::index_set::IndexSet;
 use super::inquiry::{Comparison, REFUTED};
 use super::persist::Visit;
 use super::suspicion::Suspicion;
@@ -67,25 +68,19 @@ pub struct Cause {
 pub struct CauseSearch {
     /// A change was found in this block.
     begun: bool,
-    /// Groups, a bit each, whose cause is unclear, or whose further change followed one that an
-    /// error explained. They must not be used, unless they are ambiguous.
-    withheld: u64,
-    lost: u64,
+    /// Groups whose cause is unclear, or whose further change followed one that an error explained.
+    /// They must not be used, unless they are ambiguous.
+    withheld: IndexSet,
+    lost: IndexSet,
     /// Withheld groups that an error explains as well as changed parameters do: the parameters are
     /// either θ̂ or still θ₀.
-    ambiguous: u64,
+    ambiguous: IndexSet,
     /// Number of blocks for which an error has explained the change, and whether one is named.
     blocks: u32,
     named: bool,
     cause: Option<Cause>,
     // scratch
     compared: Vec<Option<Comparison>>,
-}
-
-/// Groups, a bit each, whose estimate differs from that before the change.
-fn moved(groups: &[GroupState]) -> u64 {
-    let moved = groups.iter().enumerate().filter(|(_, group)| group.inquiry.has_moved());
-    moved.fold(0, |mask, (k, _)| mask | 1 << k)
 }
 
 /// Which hypothesis explains the rows since a change.
@@ -165,9 +160,9 @@ impl CauseSearch {
     pub fn new(groups: usize) -> Self {
         Self {
             begun: false,
-            withheld: 0,
-            lost: 0,
-            ambiguous: 0,
+            withheld: IndexSet::EMPTY,
+            lost: IndexSet::EMPTY,
+            ambiguous: IndexSet::EMPTY,
             blocks: 0,
             named: false,
             cause: None,
@@ -177,30 +172,30 @@ impl CauseSearch {
 
     /// What goes from block to block; see `persist.rs`.
     pub fn visit(&mut self, v: &mut impl Visit) {
-        v.count(&mut self.withheld);
-        v.count(&mut self.lost);
-        v.count(&mut self.ambiguous);
+        self.withheld.visit(v);
+        self.lost.visit(v);
+        self.ambiguous.visit(v);
         v.small(&mut self.blocks);
         v.flag(&mut self.named);
     }
 
     /// True if no parameter of group k may be used.
     pub fn withholds(&self, k: usize) -> bool {
-        self.unclear() >> k & 1 == 1
+        self.unclear().contains(k)
     }
 
     /// True if some group must not be used.
     pub fn is_unclear(&self) -> bool {
-        self.unclear() != 0
+        !self.unclear().is_empty()
     }
 
     /// True if the parameters of group k are either θ̂ or what they were before the change.
     pub fn is_ambiguous(&self, k: usize) -> bool {
-        (self.withheld & self.ambiguous & !self.lost) >> k & 1 == 1
+        self.withheld.contains(k) && self.ambiguous.contains(k) && !self.lost.contains(k)
     }
 
-    fn unclear(&self) -> u64 {
-        self.withheld & !self.ambiguous | self.lost
+    fn unclear(&self) -> IndexSet {
+        self.withheld.difference(self.ambiguous).union(self.lost)
     }
 
     /// The error that explains the change.
@@ -211,7 +206,8 @@ impl CauseSearch {
     /// Ends the search without a result.
     pub fn close(&mut self, groups: &mut [GroupState]) {
         groups.iter_mut().for_each(|group| group.inquiry.close());
-        (self.begun, self.withheld, self.lost, self.ambiguous) = (false, 0, 0, 0);
+        self.begun = false;
+        (self.withheld, self.lost, self.ambiguous) = Default::default();
         (self.blocks, self.named, self.cause) = (0, false, None);
     }
 
@@ -219,14 +215,12 @@ impl CauseSearch {
     /// the one published last.
     pub fn begin(&mut self, groups: &mut [GroupState]) {
         if self.blocks >= SURE {
-            self.lost |= self.withheld;
+            self.lost = self.lost.union(self.withheld);
         }
-        (self.begun, self.withheld, self.ambiguous) = (true, 0, 0);
+        self.begun = true;
+        (self.withheld, self.ambiguous) = ((0..groups.len()).collect(), IndexSet::EMPTY);
         (self.blocks, self.named) = (0, false);
-        for (k, group) in groups.iter_mut().enumerate() {
-            self.withheld |= 1 << k;
-            group.begin_inquiry();
-        }
+        groups.iter_mut().for_each(GroupState::begin_inquiry);
     }
 
     /// True while the cause of the last change is sought.
@@ -243,29 +237,29 @@ impl CauseSearch {
     /// Leaves out group k, because its set of parameters has changed.
     pub fn leave_out(&mut self, k: usize, groups: &mut [GroupState]) {
         groups[k].inquiry.close();
-        self.withheld &= !(1 << k);
-        self.lost &= !(1 << k);
+        self.withheld.remove(k);
+        self.lost.remove(k);
     }
 
-    /// Judges the rows so far, if some were `added`. Groups `on_its_way`, a bit each, must not be
-    /// used until the cause is clear.
-    pub fn judge(&mut self, groups: &mut [GroupState], added: bool, on_its_way: u64) {
+    /// Judges the rows so far, if some were `added`. Groups `on_its_way` must not be used until the
+    /// cause is clear.
+    pub fn judge(&mut self, groups: &mut [GroupState], added: bool, on_its_way: IndexSet) {
         if added {
             self.compare(groups, on_its_way);
         }
-        let open = groups.iter().enumerate().filter(|(_, group)| group.inquiry.is_open());
-        self.withheld |= open.fold(0, |mask, (k, _)| mask | 1 << k) & on_its_way;
-        self.ambiguous &= !on_its_way;
+        let open = on_its_way.iter().filter(|&k| groups[k].inquiry.is_open());
+        open.for_each(|k| self.withheld.insert(k));
+        self.ambiguous = self.ambiguous.difference(on_its_way);
     }
 
-    fn compare(&mut self, groups: &mut [GroupState], on_its_way: u64) {
+    fn compare(&mut self, groups: &mut [GroupState], on_its_way: IndexSet) {
         let settled = groups.iter().all(|group| group.confirmation.is_settled());
         for (group, compared) in groups.iter_mut().zip(&mut self.compared) {
             *compared = group.inquiry.compare(&group.fixed);
         }
         for k in 0..groups.len() {
             let again = |c: &Comparison| c.is_nothing() && (settled || c.informed);
-            if self.lost >> k & 1 == 1 && self.compared[k].as_ref().is_some_and(again) {
+            if self.lost.contains(k) && self.compared[k].as_ref().is_some_and(again) {
                 self.leave_out(k, groups);
                 self.compared[k] = None;
             }
@@ -273,48 +267,47 @@ impl CauseSearch {
         match self.find(groups) {
             None => {}
             Some(Found::Nothing(sure)) => {
-                self.withheld &= !self.compared_where(|_| true);
-                self.withheld |= self.compared_where(|_| true) & moved(groups);
+                let compared = self.compared_where(|_| true);
+                let moved = compared.iter().filter(|&k| groups[k].inquiry.has_moved());
+                self.withheld = self.withheld.difference(compared).union(moved.collect());
                 self.ambiguous = self.withheld;
                 self.named = false;
-                if sure && settled && (self.withheld | on_its_way) == 0 {
+                if sure && settled && self.withheld.union(on_its_way).is_empty() {
                     self.clear(groups);
                 }
             }
             Some(Found::Plant) => self.clear(groups),
             Some(Found::Everything) => {
-                self.withheld |= self.compared_where(|_| true);
-                (self.ambiguous, self.named) = (0, false);
+                self.withheld = self.withheld.union(self.compared_where(|_| true));
+                (self.ambiguous, self.named) = (IndexSet::EMPTY, false);
             }
             Some(Found::Error(likely)) => self.suspect(&likely),
         }
-        if self.lost == 0 && !self.named {
+        if self.lost.is_empty() && !self.named {
             self.cause = None;
         }
     }
 
     /// Groups that can be compared with their reference and for which `holds` is true.
-    fn compared_where(&self, holds: impl Fn(&Comparison) -> bool) -> u64 {
-        let compared = self.compared.iter().enumerate();
-        let chosen = compared.filter(|(k, c)| self.lost >> k & 1 == 0 && c.as_ref().is_some_and(&holds));
-        chosen.fold(0, |mask, (k, _)| mask | 1 << k)
+    fn compared_where(&self, holds: impl Fn(&Comparison) -> bool) -> IndexSet {
+        let chosen = |k: &usize| !self.lost.contains(*k) && self.compared[*k].as_ref().is_some_and(&holds);
+        (0..self.compared.len()).filter(chosen).collect()
     }
 
     /// The hypothesis that explains the rows; `None` if they cannot be compared.
     fn find(&self, groups: &[GroupState]) -> Option<Found> {
         let all = self.compared_where(|_| true);
-        let of = |k: &usize| all >> k & 1 == 1;
-        if all == 0 {
+        if all.is_empty() {
             return None;
         }
-        let compared = || (0..groups.len()).filter(of).filter_map(|k| self.compared[k]);
+        let compared = || all.iter().filter_map(|k| self.compared[k]);
         let nothing: f64 = compared().map(|c| c.nothing).sum();
         let limit = REFUTED + compared().map(|c| c.count as f64).sum::<f64>();
         if nothing <= limit {
             return Some(Found::Nothing(nothing <= 2.0 * (limit - REFUTED)));
         }
         let base: f64 = compared().map(|c| c.base).sum();
-        let pulls = |s: usize| (0..groups.len()).filter(of).map(move |k| groups[k].inquiry.pulls()[s]);
+        let pulls = |s: usize| all.iter().map(move |k| groups[k].inquiry.pulls()[s]);
         let errors = groups.first().map_or(0, |group| group.inquiry.pulls().len());
         let mut single = Likeliest::default();
         for s in 0..errors {
@@ -346,26 +339,22 @@ impl CauseSearch {
 
     /// True if a change of the plant is plausible in all groups that have changed.
     fn may_be_the_plant(&self) -> bool {
-        let compared = self.compared.iter().enumerate();
-        let of = compared.filter(|(k, _)| self.lost >> k & 1 == 0);
-        of.filter_map(|(_, c)| c.as_ref())
-            .all(|c| c.plausible || c.is_nothing())
+        let unlikely = |c: &Comparison| !c.plausible && !c.is_nothing();
+        self.compared_where(unlikely).is_empty()
     }
 
     /// Records that an error explains the rows.
     fn suspect(&mut self, likely: &Likely) {
         let changed = self.compared_where(|c| !c.is_nothing());
-        self.withheld &= !self.compared_where(|_| true);
-        self.withheld |= if changed == 0 {
-            self.compared_where(|_| true)
-        } else {
-            changed
-        };
+        let compared = self.compared_where(|_| true);
+        let suspected = if changed.is_empty() { compared } else { changed };
+        self.withheld = self.withheld.difference(compared).union(suspected);
         let plausible = self.may_be_the_plant();
-        self.ambiguous = if plausible { self.withheld } else { 0 };
-        let informed = self.compared_where(|c| c.informed) & self.withheld != 0;
+        self.ambiguous = if plausible { self.withheld } else { IndexSet::EMPTY };
+        let some_withheld =
+            |holds: fn(&Comparison) -> bool| !self.compared_where(holds).intersection(self.withheld).is_empty();
+        let (informed, distinguishes) = (some_withheld(|c| c.informed), some_withheld(|c| c.distinguishes));
         self.blocks = if informed { self.blocks.saturating_add(1) } else { 0 };
-        let distinguishes = self.compared_where(|c| c.distinguishes) & self.withheld != 0;
         let alone = likely.lead > ALONE;
         self.named = alone && (distinguishes || self.blocks >= LONG) || self.blocks >= SURE;
         self.cause = self.named.then_some(Cause {
@@ -376,9 +365,9 @@ impl CauseSearch {
 
     /// Clears all groups: the plant has changed, or nothing has.
     fn clear(&mut self, groups: &mut [GroupState]) {
-        let cleared = groups.iter_mut().enumerate().filter(|(k, _)| self.lost >> k & 1 == 0);
+        let cleared = groups.iter_mut().enumerate().filter(|(k, _)| !self.lost.contains(*k));
         cleared.for_each(|(_, group)| group.inquiry.close());
-        (self.withheld, self.ambiguous) = (0, 0);
+        (self.withheld, self.ambiguous) = Default::default();
         (self.blocks, self.named) = (0, false);
     }
 }

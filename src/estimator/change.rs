@@ -50,6 +50,7 @@ use super::Forward;
 use super::equation::{EquationState, TINY, add_gram, add_score};
 use super::fit::Fit;
 use super::group::GroupState;
+use super::index_set::IndexSet;
 use super::linalg::{Cholesky, dot, gather};
 use super::long_run::long_run_variance;
 use super::options::{EstimatorOptions, Outliers};
@@ -454,7 +455,7 @@ fn own_variance(sums: &Sums, factor: &mut Cholesky, matrix: &mut [f64], vector: 
 /// prior of the block, unless it is `free` because an earlier cut separates them.
 pub fn locate(
     groups: &mut [GroupState],
-    joined: u64,
+    joined: IndexSet,
     rows: &dyn Summable,
     whole: Range<usize>,
     before: &[f64],
@@ -476,7 +477,7 @@ pub fn locate(
         let mut costs = [0.0; GRID + 1];
         let costs = &mut costs[..count];
         for (k, group) in groups.iter_mut().enumerate() {
-            if joined >> k & 1 == 0 {
+            if !joined.contains(k) {
                 continue;
             }
             if free {

@@ -4,6 +4,7 @@
 use super::change::{JOINS, locate};
 use super::fit::Fit;
 use super::group::GroupState;
+use super::index_set::IndexSet;
 use super::options::{ChangeDetection, EstimatorOptions};
 use super::pass::Summable;
 use super::report::{Change, ChangeKind};
@@ -30,7 +31,7 @@ pub struct Alarm {
     /// The alarm came from a group whose parameters were known by then.
     pub known: bool,
     /// Groups that take part in the change.
-    pub joined: u64,
+    pub joined: IndexSet,
 }
 
 /// A cut of a block, see [`ChangeSearch::cut`].
@@ -45,7 +46,7 @@ struct Cut {
     excess: f64,
 }
 
-/// The search in one block, with its data. Sets of groups are bit masks.
+/// The search in one block, with its data.
 pub struct ChangeSearch<'a> {
     pub rows: &'a dyn Summable,
     pub groups: &'a mut [GroupState],
@@ -59,16 +60,16 @@ pub struct ChangeSearch<'a> {
 
 impl ChangeSearch<'_> {
     /// Tests the groups that follow no line; `lines` marks those that do.
-    pub fn alarm(&self, lines: u64, detection: ChangeDetection) -> Alarm {
+    pub fn alarm(&self, lines: IndexSet, detection: ChangeDetection) -> Alarm {
         let level = detection.false_alarm_rate / self.groups.len() as f64;
         let mut alarm = Alarm {
             probability: 1.0,
             raised: false,
             known: false,
-            joined: 0,
+            joined: IndexSet::EMPTY,
         };
         for (k, group) in self.groups.iter().enumerate() {
-            if lines >> k & 1 == 1 {
+            if lines.contains(k) {
                 continue;
             }
             let probability = group.probability;
@@ -78,7 +79,7 @@ impl ChangeSearch<'_> {
             alarm.raised |= raised;
             alarm.known |= raised && !group.is_open(self.before);
             if raised || probability < JOINS {
-                alarm.joined |= 1 << k;
+                alarm.joined.insert(k);
             }
         }
         alarm
@@ -92,7 +93,7 @@ impl ChangeSearch<'_> {
     /// not fit, such as those over a spike at a step, or over friction that changes its sign
     /// between two samples. Then the block is fitted as if there had been no alarm; see
     /// [`refit`](Self::refit) for what this returns.
-    pub fn explain(&mut self, joined: u64, margin: u64) -> Result<Change, (Range<usize>, Fit)> {
+    pub fn explain(&mut self, joined: IndexSet, margin: u64) -> Result<Change, (Range<usize>, Fit)> {
         let consistent = self.fit_alone(joined);
         let found = (!consistent).then(|| self.find(joined, margin));
         if let Some(Change {
@@ -111,7 +112,7 @@ impl ChangeSearch<'_> {
         }
         let mut again = false;
         for (k, group) in self.groups.iter_mut().enumerate() {
-            if joined >> k & 1 == 1 {
+            if joined.contains(k) {
                 again |= group.since_alarm <= DRIFT_BLOCKS;
                 group.since_alarm = 0;
             }
@@ -122,9 +123,9 @@ impl ChangeSearch<'_> {
 
     /// True if rows whose fit is θ̂ differ from before. Those after a change do so more clearly than
     /// the whole block, whose residuals are large.
-    fn shows_in(&mut self, joined: u64, range: &Range<usize>) -> bool {
+    fn shows_in(&mut self, joined: IndexSet, range: &Range<usize>) -> bool {
         let groups = self.groups.iter_mut().enumerate();
-        groups.filter(|(k, _)| joined >> k & 1 == 1).any(|(_, group)| {
+        groups.filter(|(k, _)| joined.contains(*k)).any(|(_, group)| {
             group.weight_fully();
             group.suspect(self.rows, range.clone(), self.theta);
             !group.evaluate_at(self.rows, range.clone(), self.theta)
@@ -134,7 +135,7 @@ impl ChangeSearch<'_> {
 
     /// Fits the rows of `range` as if there had been no alarm; returns all rows, which the fit is
     /// judged by, and how it ended.
-    fn withdraw(&mut self, joined: u64, range: &Range<usize>) -> (Range<usize>, Fit) {
+    fn withdraw(&mut self, joined: IndexSet, range: &Range<usize>) -> (Range<usize>, Fit) {
         let mut all = Fit {
             iterations: 0,
             converged: true,
@@ -142,7 +143,7 @@ impl ChangeSearch<'_> {
         for (k, group) in self.groups.iter_mut().enumerate() {
             let own = group.parameters.clone();
             self.before[own.clone()].copy_from_slice(&group.centre);
-            if joined >> k & 1 == 1 {
+            if joined.contains(k) {
                 self.theta[own].copy_from_slice(&group.centre);
                 group.weight_fully();
                 group.limit_outliers(self.rows, range.clone(), self.theta, true, self.options);
@@ -158,17 +159,17 @@ impl ChangeSearch<'_> {
     /// Fits the block after an alarm of parameters that were not known. They were linearised far
     /// from the truth, so disagreeing with that prior is no evidence of a change. The prior is
     /// widened as after a change between two blocks, but no change is published.
-    pub fn widen(&mut self, joined: u64, lines: u64) -> (Range<usize>, Fit) {
+    pub fn widen(&mut self, joined: IndexSet, lines: IndexSet) -> (Range<usize>, Fit) {
         self.fit_alone(joined);
         let between = Change::over_the_block(ChangeKind::Between, self.rows);
         self.refit(joined, lines, between, 0)
     }
 
     /// Fits the block alone; true if only noise remains in the groups of `joined`.
-    pub fn fit_alone(&mut self, joined: u64) -> bool {
+    pub fn fit_alone(&mut self, joined: IndexSet) -> bool {
         let mut consistent = true;
         for (k, group) in self.groups.iter_mut().enumerate() {
-            if joined >> k & 1 == 1 {
+            if joined.contains(k) {
                 group.fit_alone(self.rows, 0..self.rows.len(), self.theta, self.options);
                 consistent &= group.is_consistent(self.options);
             }
@@ -177,13 +178,13 @@ impl ChangeSearch<'_> {
     }
 
     /// The last cut of the block, or a drift if a line through the block explains it better.
-    fn find(&mut self, joined: u64, margin: u64) -> Change {
+    fn find(&mut self, joined: IndexSet, margin: u64) -> Change {
         let rows = self.rows;
         let end = rows.len();
         let mut line = 0.0;
         let mut straight = true;
         for (k, group) in self.groups.iter_mut().enumerate() {
-            if joined >> k & 1 == 1 {
+            if joined.contains(k) {
                 // plus two per parameter: Akaike's penalty for the slopes
                 group.limit_by_known_noise(self.options);
                 line += group.line_cost(rows, self.theta) + 2.0 * group.n as f64;
@@ -205,7 +206,7 @@ impl ChangeSearch<'_> {
             }
             (start, excess) = (found.row, found.excess);
             for (k, group) in self.groups.iter().enumerate() {
-                if joined >> k & 1 == 1 {
+                if joined.contains(k) {
                     let own = group.parameters.clone();
                     self.theta[own.clone()].copy_from_slice(&self.later[own]);
                 }
@@ -226,7 +227,7 @@ impl ChangeSearch<'_> {
     ///
     /// That fit excludes rows within `margin` after the cut, because overlapping rows there may
     /// still depend on samples before it.
-    fn cut(&mut self, joined: u64, whole: Range<usize>, free: bool, margin: u64) -> Cut {
+    fn cut(&mut self, joined: IndexSet, whole: Range<usize>, free: bool, margin: u64) -> Cut {
         let rows = self.rows;
         let (mut row, mut cost) = (whole.start, f64::INFINITY);
         let (mut consistent, mut excess) = (true, 0.0);
@@ -247,7 +248,7 @@ impl ChangeSearch<'_> {
             (consistent, excess) = (true, 0.0);
             let from = first_after(rows, row..whole.end, margin);
             for (k, group) in self.groups.iter_mut().enumerate() {
-                if joined >> k & 1 == 1 {
+                if joined.contains(k) {
                     // start from θ̄: a fit to both plants at once may have diverged
                     let own = group.parameters.clone();
                     self.later[own.clone()].copy_from_slice(&group.centre);
@@ -272,7 +273,7 @@ impl ChangeSearch<'_> {
 
     /// Fits the rows that remain valid, with a prior that allows for the change; returns these rows
     /// and how the fit ended.
-    pub fn refit(&mut self, joined: u64, lines: u64, change: Change, margin: u64) -> (Range<usize>, Fit) {
+    pub fn refit(&mut self, joined: IndexSet, lines: IndexSet, change: Change, margin: u64) -> (Range<usize>, Fit) {
         let rows = self.rows;
         let from = match change.kind {
             ChangeKind::Within => {
@@ -287,10 +288,10 @@ impl ChangeSearch<'_> {
         };
         for (k, group) in self.groups.iter_mut().enumerate() {
             let range = from..rows.len();
-            if joined >> k & 1 == 0 {
+            if !joined.contains(k) {
                 // the plant may have changed for this group too, even without a sign of it, so
                 // earlier rows are dropped
-                if change.kind == ChangeKind::Within && lines >> k & 1 == 0 {
+                if change.kind == ChangeKind::Within && !lines.contains(k) {
                     group.evaluate_at(rows, range.clone(), self.theta);
                     let fit = group.fit(rows, range, self.theta, self.options);
                     all = all.and(fit);

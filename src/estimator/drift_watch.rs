@@ -2,6 +2,7 @@
 //! explains a block or no longer moves.
 
 use super::group::GroupState;
+use super::index_set::IndexSet;
 use super::options::EstimatorOptions;
 use super::pass::Summable;
 use super::persist::Visit;
@@ -33,10 +34,10 @@ impl DriftWatch {
         groups: &mut [GroupState],
         theta: &mut [f64],
         options: &EstimatorOptions,
-    ) -> (u64, bool) {
+    ) -> (IndexSet, bool) {
         let lines = drifting(groups);
-        if lines == 0 {
-            return (0, false);
+        if lines.is_empty() {
+            return (lines, false);
         }
         // the speed of a drift may change by a third from block to block
         let change = 0.3 * groups.iter().map(|g| g.slope_rate(theta)).fold(DRIFT_RATE, f64::max);
@@ -67,7 +68,7 @@ impl DriftWatch {
         groups: &mut [GroupState],
         theta: &mut [f64],
         options: &EstimatorOptions,
-    ) -> u64 {
+    ) -> IndexSet {
         let (mut rate, mut off) = (DRIFT_RATE, DRIFT_RATE);
         for group in groups.iter_mut() {
             group.limit_by_known_noise(options);
@@ -76,18 +77,13 @@ impl DriftWatch {
             (rate, off) = (rate.max(own_rate), off.max(own_off));
         }
         self.still = 0;
-        let mut started = 0;
-        for (k, group) in groups.iter_mut().enumerate() {
-            started |= u64::from(group.start_line(rows, theta, rate, off)) << k;
-        }
-        started
+        let all = groups.iter_mut().enumerate();
+        let started = all.filter_map(|(k, group)| group.start_line(rows, theta, rate, off).then_some(k));
+        started.collect()
     }
 }
 
-/// The groups that follow a line, a bit each.
-fn drifting(groups: &[GroupState]) -> u64 {
-    groups
-        .iter()
-        .enumerate()
-        .fold(0, |mask, (k, g)| mask | u64::from(g.drift.active) << k)
+/// The groups that follow a line.
+fn drifting(groups: &[GroupState]) -> IndexSet {
+    (0..groups.len()).filter(|&k| groups[k].drift.active).collect()
 }

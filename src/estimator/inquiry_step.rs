@@ -2,6 +2,7 @@
 
 use super::group::GroupState;
 use super::groups::Groups;
+use super::index_set::IndexSet;
 use super::inquiry::BlockSums;
 use super::options::EstimatorOptions;
 use super::pass::Summable;
@@ -29,10 +30,10 @@ impl Groups {
         if !cause_search.counts(states) {
             return;
         }
-        let (mut added, mut on_its_way) = (false, 0);
+        let (mut added, mut on_its_way) = (false, IndexSet::EMPTY);
         for (k, group) in states.iter_mut().enumerate() {
             if group.is_on_its_way(fit) {
-                on_its_way |= 1 << k;
+                on_its_way.insert(k);
             } else {
                 added |= group.add_to_inquiry(rows, range.clone(), theta, options);
             }

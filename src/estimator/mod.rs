@@ -40,6 +40,7 @@ mod fit_statistic;
 mod forgetting;
 mod group;
 mod groups;
+mod index_set;
 mod inquiry;
 mod inquiry_step;
 pub(crate) mod linalg;

@@ -389,7 +389,7 @@ impl BlockEstimator {
         self.score_test.begin();
         for (k, group) in self.groups.iter_mut().enumerate() {
             let own = group.parameters.clone();
-            let fits = group.equations.iter().all(|e| self.report.misfit >> e.index & 1 == 0);
+            let fits = group.equations.iter().all(|e| !self.report.misfit.contains(e.index));
             group.since_misfit = if fits { group.since_misfit.saturating_add(1) } else { 0 };
             if lines.contains(k) {
                 group.suspect_line(rows, &mut self.later);
@@ -473,7 +473,7 @@ impl BlockEstimator {
                 false => group.is_pressed(&self.theta, linearised),
             };
             if pressed {
-                self.report.pressed |= group.parameters.clone().fold(0, |mask, i| mask | 1 << i);
+                self.report.pressed = self.report.pressed.union(group.parameters.clone().collect());
             }
         }
         let equations = self.structure.equations.len();
@@ -539,7 +539,8 @@ impl BlockEstimator {
         for group in self.groups.iter_mut() {
             group.publish(&self.theta);
         }
-        self.report.misfit |= self.published.take(&self.theta, &self.groups, &self.options.relations);
+        let contradicting = self.published.take(&self.theta, &self.groups, &self.options.relations);
+        self.report.misfit = self.report.misfit.union(contradicting);
         self.report.explained.clear();
         self.report.explained.extend(self.explained.iter().map(|e| e.share));
         self.report

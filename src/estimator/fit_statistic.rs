@@ -18,6 +18,7 @@
 //! learnt level also includes what the model leaves out, which is not white noise, so the slack is
 //! larger there, and residuals within [`SHARE`] of the equation's signal are never a misfit.
 
+use super::index_set::IndexSet;
 use super::pass::{Pass, Summable, Sums};
 use super::stats::f_tail;
 
@@ -73,14 +74,16 @@ impl BlockFit {
         self.tails[equation % 64] = fit.tail;
     }
 
-    /// Probability of residuals as large as these if the model is right, and the equations, a bit
-    /// each, that do not fit.
-    pub fn judge(&self, equations: usize) -> (f64, u64) {
-        let (mut least, mut misfit) = (1.0f64, 0);
+    /// Probability of residuals as large as these if the model is right, and the equations that do
+    /// not fit.
+    pub fn judge(&self, equations: usize) -> (f64, IndexSet) {
+        let (mut least, mut misfit) = (1.0f64, IndexSet::EMPTY);
         for (e, tail) in self.tails.iter().enumerate().take(equations) {
             let probability = (tail * self.tests.max(1) as f64).min(1.0);
             least = least.min(probability);
-            misfit |= u64::from(probability < MISFIT) << e;
+            if probability < MISFIT {
+                misfit.insert(e);
+            }
         }
         (least, misfit)
     }

@@ -1,10 +1,10 @@
-//! Sets of groups.
+//! Sets of parameters, equations and groups.
 
 use super::MAX_PARAMS;
 use super::persist::Visit;
 use std::fmt;
 
-/// A set of groups, by their index from 0 to 127; each has a parameter, so there are no more.
+/// A set of parameters, equations or groups, by their index from 0 to 127.
 #[derive(Clone, Copy, PartialEq, Eq, Default)]
 pub struct IndexSet(u128);
 
@@ -34,6 +34,11 @@ impl IndexSet {
         self.0 == 0
     }
 
+    /// How many are in it.
+    pub fn len(self) -> usize {
+        self.0.count_ones() as usize
+    }
+
     /// The indices in it, from the lowest.
     pub fn iter(self) -> impl Iterator<Item = usize> {
         (0..MAX_PARAMS).filter(move |&index| self.contains(index))
@@ -55,7 +60,7 @@ impl IndexSet {
     }
 
     /// State kept from block to block, a bit for each index below 64.
-    pub fn visit(&mut self, v: &mut impl Visit) {
+    pub(super) fn visit(&mut self, v: &mut impl Visit) {
         let mut bits = self.0 as u64;
         v.count(&mut bits);
         self.0 = bits.into();
@@ -83,7 +88,7 @@ mod tests {
     #[test]
     fn prop_a_set_holds_what_was_put_in_and_combines_with_another() {
         let mut set: IndexSet = [0, 63, 64, 127, 128, usize::MAX].into_iter().collect();
-        assert!(set.iter().eq([0, 63, 64, 127]));
+        assert!(set.iter().eq([0, 63, 64, 127]) && set.len() == 4);
         assert!(!set.contains(1) && !set.contains(128) && !set.contains(usize::MAX));
         let other = (62..65).collect();
         assert!(set.union(other).iter().eq([0, 62, 63, 64, 127]));

@@ -73,6 +73,7 @@ pub use cause_search::Cause;
 pub use considered::PER_EQUATION as ERRORS_PER_EQUATION;
 pub use explained::LEAST_EXPLAINED;
 pub use fit_statistic::MISFIT;
+pub use index_set::IndexSet;
 pub use offline::{BatchReport, batch_least_squares};
 pub use options::{Bound, ChangeDetection, EstimatorError, EstimatorOptions, Forgetting, Outliers, forgetting_factor};
 pub use persist::{EstimatorState, StateError};

@@ -3,6 +3,7 @@
 //! The names of the variants are those of the configuration files.
 
 use super::Structure;
+use super::index_set::IndexSet;
 use super::prior::{EquationNoise, ParameterPrior};
 use std::mem::swap;
 use std::str::FromStr;
@@ -218,16 +219,17 @@ impl EstimatorOptions {
         }
     }
 
-    /// Bit i is set if parameter i is fixed. There are at most 128.
-    pub(super) fn fixed(&self) -> u128 {
-        let priors = self.parameters.iter().enumerate();
-        priors.fold(0, |bits, (i, prior)| bits | u128::from(prior.fixed) << i)
+    /// The parameters that are fixed.
+    pub(super) fn fixed(&self) -> IndexSet {
+        (0..self.parameters.len())
+            .filter(|&i| self.parameters[i].fixed)
+            .collect()
     }
 
-    /// Fixes the parameters in a mask of [`fixed`](Self::fixed), and frees the others.
-    pub(super) fn set_fixed(&mut self, bits: u128) {
+    /// Fixes these parameters, and frees the others.
+    pub(super) fn set_fixed(&mut self, fixed: IndexSet) {
         for (i, prior) in self.parameters.iter_mut().enumerate() {
-            prior.fixed = bits >> i & 1 != 0;
+            prior.fixed = fixed.contains(i);
         }
     }
 

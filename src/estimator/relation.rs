@@ -25,6 +25,7 @@
 
 use super::group::GroupState;
 use super::groups::Groups;
+use super::index_set::IndexSet;
 use super::linalg::dot;
 
 /// |ρ| over its standard deviation above which the data contradict the relation. If no error is
@@ -65,9 +66,9 @@ impl Published {
     }
 
     /// Copies θ̂ and P and imposes the relations, each \[i, j, k, l\] for θ_i/θ_j = θ_k/θ_l, one
-    /// after the other. Returns the equations of groups that contradict one, as bits.
+    /// after the other. Returns the equations of groups that contradict one.
     #[must_use]
-    pub fn take(&mut self, theta: &[f64], groups: &Groups, relations: &[[usize; 4]]) -> u64 {
+    pub fn take(&mut self, theta: &[f64], groups: &Groups, relations: &[[usize; 4]]) -> IndexSet {
         self.theta.copy_from_slice(theta);
         let published = self.covariance.iter_mut().zip(&mut self.weights);
         for (k, ((own, weights), group)) in published.zip(groups.iter()).enumerate() {
@@ -77,13 +78,13 @@ impl Published {
                 group.inquiry.widen(&theta[group.parameters.clone()], own);
             }
         }
-        let mut contradicting = 0;
+        let mut contradicting = IndexSet::EMPTY;
         for relation in relations {
             let holder = groups.iter().position(|g| g.parameters.contains(&relation[0]));
             if let Some(k) = holder
                 && self.impose(k, &groups[k], relation.map(|index| index - groups[k].parameters.start))
             {
-                contradicting |= groups[k].equations.iter().fold(0, |mask, e| mask | 1 << e.index);
+                groups[k].equations.iter().for_each(|e| contradicting.insert(e.index));
             }
         }
         contradicting

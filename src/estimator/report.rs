@@ -5,6 +5,7 @@ use super::cause_search::Cause;
 use super::fit::Fit;
 use super::group::GroupState;
 use super::groups::Groups;
+use super::index_set::IndexSet;
 use super::options::EstimatorOptions;
 use super::pass::Summable;
 use super::relation::Published;
@@ -83,16 +84,16 @@ pub struct Report {
     /// Per parameter: the share of the variance that this block alone would remove from a parameter
     /// known to within 100 %, 0 to 1.
     pub excitation: Vec<f64>,
-    /// Bit i: this block alone finds parameter i to within 10 % of its size (`excitation` above
+    /// Parameters that this block alone finds to within 10 % of their size (`excitation` above
     /// 0.99).
-    pub excited: u128,
-    /// Bit i: parameter i is known from data. Three standard deviations are below 5 % of its size
-    /// (`sizes.rs`), according to the data since the last change; the data have informed on more
-    /// than half of the directions of its group of equations; this group showed no change in this
-    /// block or the one before, and both fit in each of its equations; it is not withheld until the
-    /// cause of the last change is clear; the data push no parameter of the group against a bound.
-    /// A fixed parameter is not estimated and never usable.
-    pub usable: u128,
+    pub excited: IndexSet,
+    /// Parameters that are known from data. For each, three standard deviations are below 5 % of
+    /// its size (`sizes.rs`), according to the data since the last change; the data have informed
+    /// on more than half of the directions of its group of equations; this group showed no change
+    /// in this block or the one before, and both fit in each of its equations; it is not withheld
+    /// until the cause of the last change is clear; the data push no parameter of the group against
+    /// a bound. A fixed parameter is not estimated and never usable.
+    pub usable: IndexSet,
     /// χ² of the whitened residuals over their number, per equation, see `fit_statistic.rs`: 1 on
     /// average if the block fits. Relative to the configured noise, otherwise to the level that
     /// was learnt before the block.
@@ -100,22 +101,22 @@ pub struct Report {
     /// Probability of residuals this large, in the block or in its last part, if the model is
     /// right; below `MISFIT` of `fit_statistic.rs` the block does not fit.
     pub fit_probability: f64,
-    /// Bit e: the block does not fit in equation e, or the estimate of its group contradicts a
+    /// Equations in which the block does not fit, or for whose group the estimate contradicts a
     /// relation between parameters.
-    pub misfit: u64,
+    pub misfit: IndexSet,
     /// Share of the power of the equation's signal that the model explains, in the last block in
     /// which it exceeded the noise; 0 before.
     pub explained: Vec<f64>,
-    /// Bit i: the data push parameter i, or another parameter of its group, against a bound.
-    pub pressed: u128,
+    /// Parameters that the data push against a bound, or whose group has such a parameter.
+    pub pressed: IndexSet,
     /// True once the data have informed on more than half of the directions of the free parameters
     /// of some group of equations.
     pub informed: bool,
-    /// Bit e: they have not yet in the group of equation e. Its parameters are not usable, and its
-    /// share is not judged.
-    pub uninformed: u64,
-    /// Bit i: parameter i is fixed.
-    pub fixed: u128,
+    /// Equations in whose group they have not yet. Its parameters are not usable, and the share of
+    /// such an equation is not judged.
+    pub uninformed: IndexSet,
+    /// Parameters that are fixed.
+    pub fixed: IndexSet,
     /// Blocks taken so far, this one included.
     pub blocks: u64,
     /// Rows per equation in this block.
@@ -167,7 +168,7 @@ impl Report {
             fit: vec![1.0; equations],
             fit_probability: 1.0,
             explained: vec![0.0; equations],
-            uninformed: u64::MAX,
+            uninformed: (0..equations).collect(),
             converged: true,
             condition: 1.0,
             change_probability: 1.0,
@@ -178,7 +179,7 @@ impl Report {
     /// Resets to a state without data.
     pub(super) fn forget(&mut self) {
         (self.blocks, self.change, self.change_probability) = (0, None, 1.0);
-        (self.misfit, self.pressed, self.fit_probability) = (0, 0, 1.0);
+        (self.misfit, self.pressed, self.fit_probability) = (IndexSet::EMPTY, IndexSet::EMPTY, 1.0);
         (self.held, self.rows, self.iterations, self.converged) = (None, 0, 0, true);
         self.fit.fill(1.0);
         (self.suspicion, self.limited) = (None, None);
@@ -190,13 +191,13 @@ impl Report {
         self.blocks += 1;
         (self.held, self.change, self.change_probability) = (None, None, 1.0);
         (self.iterations, self.converged, self.outliers) = (0, true, 0);
-        (self.misfit, self.pressed, self.fit_probability) = (0, 0, 1.0);
+        (self.misfit, self.pressed, self.fit_probability) = (IndexSet::EMPTY, IndexSet::EMPTY, 1.0);
     }
 
     /// Records that the block gives no new estimate.
     pub(super) fn hold(&mut self, held: Held) {
         self.held = Some(held);
-        (self.excited, self.rank) = (0, 0);
+        (self.excited, self.rank) = (IndexSet::EMPTY, 0);
         self.excitation.fill(0.0);
     }
 
@@ -215,9 +216,8 @@ impl Report {
         since_change: u32,
         options: &EstimatorOptions,
     ) {
-        let mut usable = 0;
         let mut most = LEADING;
-        self.limited = None;
+        (self.usable, self.limited) = (IndexSet::EMPTY, None);
         for i in 0..self.theta.len() {
             let variance = published.covariance(groups, i, i);
             let group = groups.holding(i);
@@ -229,7 +229,7 @@ impl Report {
             let fits = group.is_none_or(|g| g.since_misfit > 1);
             let clear = !groups.withholds(i);
             let informed = group.is_none_or(|g| g.confirmation.is_informed());
-            let free = self.pressed >> i & 1 == 0 && !options.parameters[i].fixed;
+            let free = !self.pressed.contains(i) && !options.parameters[i].fixed;
             // a parameter of no equation keeps its value
             let std = if known {
                 variance.max(0.0).sqrt()
@@ -240,7 +240,9 @@ impl Report {
             let value = published.theta[i];
             let size = group.map_or(value.abs(), |g| g.sizes.own(i - g.parameters.start, value));
             let small = 3.0 * std < USABLE * size;
-            usable |= u128::from(small && informed && quiet && fits && clear && free) << i;
+            if small && informed && quiet && fits && clear && free {
+                self.usable.insert(i);
+            }
             if let Some(group) = group.filter(|_| !small && quiet && fits && clear && free && self.blocks > SETTLED)
                 && let own = i - group.parameters.start
                 && group.excitation.share(own) > EXCITED
@@ -253,13 +255,12 @@ impl Report {
         self.unclear = groups.cause_search.is_unclear();
         self.fault = groups.cause_search.cause();
         self.theta.copy_from_slice(&published.theta);
-        self.usable = usable;
     }
 
     /// Fills in the groups' results: excitation, condition and residuals.
     pub(super) fn take_groups(&mut self, groups: &[GroupState], options: &EstimatorOptions) {
-        (self.excited, self.rank, self.condition, self.outliers) = (0, 0, 1.0, 0);
-        (self.informed, self.uninformed) = (false, 0);
+        (self.rank, self.condition, self.outliers, self.informed) = (0, 1.0, 0, false);
+        (self.excited, self.uninformed) = (IndexSet::EMPTY, IndexSet::EMPTY);
         self.fixed = options.fixed();
         for group in groups {
             let informed = group.confirmation.is_informed();
@@ -268,12 +269,16 @@ impl Report {
             for i in 0..group.n {
                 let share = group.excitation.share(i);
                 self.excitation[start + i] = share;
-                self.excited |= u128::from(share > EXCITED) << (start + i);
+                if share > EXCITED {
+                    self.excited.insert(start + i);
+                }
             }
             self.rank += group.excitation.rank;
             self.condition = self.condition.max(group.condition);
             for (e, sums) in group.equations.iter().zip(&group.at) {
-                self.uninformed |= u64::from(!informed) << e.index;
+                if !informed {
+                    self.uninformed.insert(e.index);
+                }
                 let rms = |(sum, rows): (f64, usize)| {
                     if rows > 0 {
                         (sum / rows as f64).sqrt() * e.divisor

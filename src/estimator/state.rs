@@ -194,7 +194,7 @@ impl StateMachine {
 
     /// `spoilt`: samples that are lost or replaced may have caused a misfit.
     fn judge(&mut self, report: &Report, spoilt: bool) {
-        let free = report.theta.len() as u32 - report.fixed.count_ones();
+        let free = report.theta.len() as u32 - report.fixed.len() as u32;
         self.poor = if (report.rank as u32) < free {
             self.poor.saturating_add(1)
         } else {
@@ -231,13 +231,13 @@ impl StateMachine {
         // before θ̂ predicts a block, a model that explains little is still being learnt
         let judged = report.explained.iter().enumerate();
         let explains = judged
-            .filter(|(e, _)| report.uninformed >> e & 1 == 0)
+            .filter(|(e, _)| !report.uninformed.contains(*e))
             .all(|(_, &share)| share >= self.least_explained);
         // a machine, or a joint, at rest neither confirms nor refutes its model
-        let refuted = self.converged && report.informed && !(explains && report.pressed == 0);
-        self.misfit = report.misfit != 0 || refuted || report.fault.is_some() && report.unclear;
-        self.informed = report.informed && report.usable != 0;
-        if report.misfit != 0 {
+        let refuted = self.converged && report.informed && !(explains && report.pressed.is_empty());
+        self.misfit = !report.misfit.is_empty() || refuted || report.fault.is_some() && report.unclear;
+        self.informed = report.informed && !report.usable.is_empty();
+        if !report.misfit.is_empty() {
             (self.converged, self.predicted) = (false, 0);
         }
         self.seen = true;
@@ -247,7 +247,7 @@ impl StateMachine {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{BlockEstimator, Change, EstimatorOptions, Structure};
+    use super::super::{BlockEstimator, Change, EstimatorOptions, IndexSet, Structure};
     use super::*;
 
     // a report of a block that the estimate predicted well
@@ -262,8 +262,8 @@ mod tests {
             .clone();
         report.theta_std = vec![0.001, 0.001];
         (report.rows, report.rank, report.blocks) = (100, 2, 1);
-        (report.informed, report.uninformed) = (true, 0);
-        (report.explained[0], report.usable) = (1.0, 0b11);
+        (report.informed, report.uninformed) = (true, IndexSet::EMPTY);
+        (report.explained[0], report.usable) = (1.0, (0..2).collect());
         (report.innovation_rms[0], report.noise_std[0], report.signal_rms[0]) = (1.0, 1.0, 100.0);
         report
     }
@@ -330,7 +330,7 @@ mod tests {
 
     #[test]
     fn fault_repeated_misfits_cost_more_blocks_that_fit() {
-        let misfit = |r: &mut Report| (r.misfit, r.fit_probability) = (1, 0.0);
+        let misfit = |r: &mut Report| (r.misfit, r.fit_probability) = ((0..1).collect(), 0.0);
         let mut m = StateMachine::new(&[1.0, 2.0]);
         blocks_to_use(&mut m);
         assert_eq!(drive(&mut m, misfit), (Phase::Misfit, false));
@@ -346,7 +346,7 @@ mod tests {
         }
         assert_eq!(blocks_to_use(&mut m), 3 * StateMachine::MISFIT_COSTS as usize - 4);
         // a lost sample may be the reason
-        let spoilt = |r: &mut Report| (r.misfit, r.fit_probability, r.rows) = (1, 0.0, 99);
+        let spoilt = |r: &mut Report| (r.misfit, r.fit_probability, r.rows) = ((0..1).collect(), 0.0, 99);
         drive(&mut m, spoilt);
         assert_eq!(blocks_to_use(&mut m), 2);
         for _ in 0..50 {

@@ -1,7 +1,7 @@
 //! Converts the estimator's report to the message.
 
 use crate::estimator::{BlockEstimator, Phase, Report, Verdict};
-use crate::messages::{Estimate, MAX_DERIVED, ParameterSet, State, estimate_flags};
+use crate::messages::{Estimate, MAX_DERIVED, State, estimate_flags};
 use crate::model::DerivedValues;
 
 /// The estimator's report as a message; fields of the stream are zero.
@@ -17,9 +17,9 @@ pub(super) fn message(report: &Report, verdict: Verdict) -> Estimate {
         Phase::Misfit => State::Misfit,
     };
     let mut estimate = Estimate {
-        excited: ParameterSet::from_bits(report.excited),
-        usable: ParameterSet::from_bits(report.usable),
-        fixed: ParameterSet::from_bits(report.fixed),
+        excited: report.excited.iter().collect(),
+        usable: report.usable.iter().collect(),
+        fixed: report.fixed.iter().collect(),
         state: state as u32,
         use_ok: u32::from(verdict.use_ok),
         flags: if report.held.is_some() { estimate_flags::HELD } else { 0 },

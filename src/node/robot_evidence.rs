@@ -2,7 +2,7 @@
 //! messages have the same meaning.
 
 use super::estimate_message::message;
-use crate::estimator::{Change, ChangeKind, Held, Report, StateMachine};
+use crate::estimator::{Change, ChangeKind, Held, IndexSet, Report, StateMachine};
 use crate::messages::{ERROR_TEXT, ErrorCode, Estimate, FixedText, LastError};
 use crate::robot::{ChangeCause, Impossible, LEAST_EXPLAINED, RobotChange, RobotIdentifier};
 use std::fmt::{self, Write as _};
@@ -107,7 +107,8 @@ fn fill(report: &mut Report, robot: &RobotIdentifier, learnt: bool, changed_befo
         || robot.unexplained().is_some()
         || robot.wrong_gain().is_some()
         || robot.contradiction().is_some();
-    report.misfit = u64::from(unfit || left_out || refuted || robot.doubt().is_some());
+    let fits = !(unfit || left_out || refuted || robot.doubt().is_some());
+    report.misfit = if fits { IndexSet::EMPTY } else { (0..joints).collect() };
     for j in 0..joints {
         // The misfit of friction is correlated, so the error of whole blocks is larger than that of
         // rows.
@@ -116,20 +117,20 @@ fn fill(report: &mut Report, robot: &RobotIdentifier, learnt: bool, changed_befo
     report.rows = figures.rows[..joints].iter().copied().max().unwrap_or(0);
     report.blocks = robot.blocks() as u64;
     (report.iterations, report.converged, report.outliers) = (1, true, 0);
-    let quiet = learnt && report.misfit == 0 && report.change.is_none() && !changed_before;
+    let quiet = learnt && fits && report.change.is_none() && !changed_before;
     fill_parameters(report, robot, learnt, quiet);
 }
 
 /// Fills in the standard deviations, which parameters are fixed, excited and usable, and the rank.
 /// A parameter is usable only in a `quiet` block.
 fn fill_parameters(report: &mut Report, robot: &RobotIdentifier, learnt: bool, quiet: bool) {
-    (report.excited, report.usable, report.fixed) = (0, 0, 0);
+    (report.excited, report.usable, report.fixed) = Default::default();
     let (mut rank, mut free) = (0, 0);
     for i in 0..robot.theta().len() {
         report.theta_std[i] = robot.theta_std(i);
         if robot.is_fixed(i) {
             report.theta_std[i] = 0.0;
-            mark(&mut report.fixed, i);
+            report.fixed.insert(i);
             continue;
         }
         free += 1;
@@ -137,20 +138,21 @@ fn fill_parameters(report: &mut Report, robot: &RobotIdentifier, learnt: bool, q
         let informed = std * std <= INFORMED * robot.prior_std(i).powi(2);
         rank += usize::from(informed);
         if learnt && report.excitation[i] >= EXCITED {
-            mark(&mut report.excited, i);
+            report.excited.insert(i);
         }
         let is_possible = robot.parameters()[i].range.holds(report.theta[i]);
         if quiet && informed && is_possible && 3.0 * std < USABLE * report.theta[i].abs() {
-            mark(&mut report.usable, i);
+            report.usable.insert(i);
         }
     }
     report.rank = rank;
     report.informed = 2 * rank > free && free > 0;
-    report.uninformed = if report.informed { 0 } else { u64::MAX };
-}
-
-fn mark(mask: &mut u128, i: usize) {
-    *mask |= u32::try_from(i).ok().and_then(|i| 1u128.checked_shl(i)).unwrap_or(0);
+    let joints = 0..report.fit.len();
+    report.uninformed = if report.informed {
+        IndexSet::EMPTY
+    } else {
+        joints.collect()
+    };
 }
 
 /// A misfit in words.

@@ -3,7 +3,9 @@
 
 use super::ekf::{Ekf, EkfTuning};
 use super::{CompareError, Scenario};
-use crate::estimator::{BlockEstimator, Change, EstimatorOptions, Residuals, StateMachine, Wrls, batch_least_squares};
+use crate::estimator::{
+    BlockEstimator, Change, EstimatorOptions, IndexSet, Residuals, StateMachine, Wrls, batch_least_squares,
+};
 use crate::model::{MANIPULATOR_PARAMS, Manipulator};
 use crate::rows::structure;
 use std::time::{Duration, Instant};
@@ -15,8 +17,8 @@ pub struct BlockResult {
     pub theta: [f64; MANIPULATOR_PARAMS],
     /// Standard deviation of θ̂; `NaN` if there is none.
     pub std: [f64; MANIPULATOR_PARAMS],
-    /// Bit i: the estimator marks parameter i usable.
-    pub usable: u128,
+    /// Parameters that the estimator marks usable.
+    pub usable: IndexSet,
     /// Controllers may use θ̂.
     pub use_ok: bool,
     /// A reported change; its time is stream time in ns.
@@ -155,7 +157,7 @@ pub fn run_wrls(scenario: &Scenario, block_len: usize, options: &EstimatorOption
                 std(1, 2),
                 std_9,
             ],
-            usable: 0,
+            usable: IndexSet::EMPTY,
             use_ok: false,
             change: None,
             iterations: 0,
@@ -187,7 +189,7 @@ pub fn run_batch(
         blocks.push(BlockResult {
             theta: array(&report.theta),
             std: array(&report.theta_std),
-            usable: 0,
+            usable: IndexSet::EMPTY,
             use_ok: false,
             change: None,
             iterations: report.iterations as u32,
@@ -226,7 +228,7 @@ pub fn run_ekf(scenario: &Scenario, block_len: usize, theta_start: &[f64], tunin
         blocks.push(BlockResult {
             theta: filter.theta(),
             std: filter.theta_std(),
-            usable: 0,
+            usable: IndexSet::EMPTY,
             use_ok: false,
             change: None,
             iterations: 0,

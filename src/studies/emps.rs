@@ -55,7 +55,7 @@ pub fn pass(
         let _taken = block.push(k as u64 * 1_000_000, &sample);
         if (k + 1) % BLOCK_LEN == 0 {
             block.prepare(estimator.theta());
-            excited += usize::from(estimator.update(&block).excited == 0b1111);
+            excited += usize::from(estimator.update(&block).excited.len() == 4);
             block.clear();
         }
     }

@@ -5,7 +5,7 @@ use super::document::count;
 use super::encoder_setup::{EncoderSetup, Signals};
 use super::metrics::{blocks_to_stay_within, median, worst_relative_error};
 use super::paper::ALL;
-use crate::estimator::{BlockEstimator, Change, EstimatorOptions, ParameterPrior};
+use crate::estimator::{BlockEstimator, Change, EstimatorOptions, IndexSet, ParameterPrior};
 use crate::model::{AutoDiff, Delayed, Manipulator, Plant};
 use crate::rows::{ProjectedBlock, SampleBlock, SmoothedBlock, SmoothedOptions, structure};
 use crate::sim::{ArmSimulator, SimOptions};
@@ -24,8 +24,8 @@ pub struct Answer {
     pub theta: Vec<f64>,
     /// Its standard deviations.
     pub std: Vec<f64>,
-    /// Bit i: parameter i is marked usable.
-    pub usable: u128,
+    /// Parameters that are marked usable.
+    pub usable: IndexSet,
     /// A reported change.
     pub change: Option<Change>,
     /// True θ at the end of the block.
@@ -116,7 +116,7 @@ pub fn judge(setup: &EncoderSetup, answers: &[Answer], jump_s: f64) -> Judged {
     let errors = |parameters: &[usize]| -> Vec<f64> { answers.iter().map(|a| error(a, parameters)).collect() };
     let announced = answers.iter().skip(jump).take(2).find_map(|a| a.change);
     let usable = |a: &Answer| {
-        let marked = KNOWABLE.into_iter().filter(|p| a.usable >> p & 1 == 1);
+        let marked = KNOWABLE.into_iter().filter(|p| a.usable.contains(*p));
         marked.map(|p| error(a, &[p])).fold(0.0, f64::max)
     };
     let quiet = |b: &usize| !(jump..jump + 2).contains(b);

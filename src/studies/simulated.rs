@@ -209,7 +209,7 @@ pub fn change_run(sim: &SimOptions, block_len: usize, ours: &EstimatorOptions) -
         let truth = scenario.truth((b + 1) * block_len - 1);
         let share = 1.0 / (record.blocks.len() - block) as f64;
         run.usable_share += share;
-        for p in KNOWABLE.into_iter().filter(|p| result.usable >> p & 1 == 1) {
+        for p in KNOWABLE.into_iter().filter(|p| result.usable.contains(*p)) {
             run.usable_parameters += share / KNOWABLE.len() as f64;
             run.usable_error = run.usable_error.max(worst_relative_error(&result.theta, &truth, &[p]));
         }

@@ -100,7 +100,7 @@ fn masses(machine: &ServoAxisOptions, hertz: f64, encoder: Encoder, seed: u64) -
             block.prepare(estimator.theta());
             let report = estimator.update(&block);
             let off = (report.theta[0] - truth).abs();
-            let is_usable = report.usable & 1 == 1;
+            let is_usable = report.usable.contains(0);
             usable += usize::from(is_usable);
             dangerous += usize::from(is_usable && off > 5.0 * report.theta_std[0] && off > 0.005 * truth);
             named = report.suspicion.is_some_and(|s| {

@@ -3,7 +3,7 @@
 
 use std::f64::consts::TAU;
 use thetabus::config::{Catalog, Config};
-use thetabus::estimator::BlockEstimator;
+use thetabus::estimator::{BlockEstimator, IndexSet};
 use thetabus::identify::{Identifier, IdentifierBuilder, ParameterPrior};
 use thetabus::messages::{Sample, signals};
 use thetabus::model::{
@@ -25,7 +25,7 @@ fn encoder_only(sets: &[String]) -> Config {
 struct Last {
     theta: Vec<f64>,
     std: Vec<f64>,
-    usable: u128,
+    usable: IndexSet,
     changes: usize,
     window_s: f64,
 }
@@ -175,7 +175,7 @@ fn ident_with_the_friction_term_an_arm_with_friction_is_known_as_well_as_one_wit
                     "\n{name:<22} {:>8.3} %  {:>6.2} sigma  usable {}",
                     100.0 * off / truth[i],
                     off / last.std[i],
-                    last.usable >> i & 1
+                    last.usable.contains(i)
                 );
             }
             println!("{motion:?} joint {joint} {percent} %{table}");
@@ -183,7 +183,7 @@ fn ident_with_the_friction_term_an_arm_with_friction_is_known_as_well_as_one_wit
                 let off = (last.theta[i] - truth[i]).abs();
                 assert!(off < 5.0 * last.std[i], "{motion:?} {joint} {percent}: {name}{table}");
                 // what may be used of the arm itself is right to a per cent
-                if name.starts_with("theta") && last.usable >> i & 1 == 1 {
+                if name.starts_with("theta") && last.usable.contains(i) {
                     assert!(off < 0.01 * truth[i], "{motion:?} {joint} {percent}: {name}{table}");
                 }
             }
@@ -215,9 +215,9 @@ fn ident_the_velocity_filter_keeps_its_time_at_every_sample_rate() {
         let (last, truth) = (identify_arm(&config), config.plant.sim.true_theta(0.0));
         let off = |i: usize| (last.theta[i] - truth[i]).abs();
         let sigmas: Vec<f64> = (0..9).map(|i| off(i) / last.std[i]).collect();
-        let worst = (0..9).filter(|i| last.usable >> i & 1 == 1).map(|i| off(i) / truth[i]);
+        let worst = (0..9).filter(|i| last.usable.contains(*i)).map(|i| off(i) / truth[i]);
         println!(
-            "{period_s} s, {half_width_s:?}: {sigmas:.1?} sigma, usable {:#b}",
+            "{period_s} s, {half_width_s:?}: {sigmas:.1?} sigma, usable {:?}",
             last.usable
         );
         (sigmas.into_iter().fold(0.0, f64::max), worst.fold(0.0, f64::max))

@@ -65,7 +65,6 @@ struct Run {
     std: Vec<Vec<f64>>,
     truth: Vec<Vec<f64>>,
     noise: Vec<Vec<f64>>,
-    usable: Vec<u128>,
     change: Vec<Option<u64>>,
 }
 
@@ -106,7 +105,6 @@ fn identify<P: Plant + Clone + Send + Sync + 'static>(
         std: Vec::new(),
         truth: Vec::new(),
         noise: Vec::new(),
-        usable: Vec::new(),
         change: Vec::new(),
     };
     let mut losses = thetabus::sim::Losses::new(&sim.sensors, sim.seed);
@@ -120,7 +118,6 @@ fn identify<P: Plant + Clone + Send + Sync + 'static>(
             run.theta.push(report.theta.clone());
             run.std.push(report.theta_std.clone());
             run.noise.push(report.noise_std.clone());
-            run.usable.push(report.usable);
             run.change.push(report.change.map(|change| change.time));
             run.truth.push(sim.true_theta(k as f64 * 1e-3).to_vec());
             block.clear();

@@ -114,8 +114,8 @@ impl BlockEstimator {
 
     /// Resets and starts at `theta`, clamped to the bounds; keeps the options. Allocates nothing.
     pub fn restart(&mut self, theta: &[f64]) {
-        for ((own, value), prior) in self.theta.iter_mut().zip(theta).zip(&self.options.parameters) {
-            *own = prior.clamp(*value);
+        for ((theta, value), prior) in self.theta.iter_mut().zip(theta).zip(&self.options.parameters) {
+            *theta = prior.clamp(*value);
         }
         self.forget();
     }
@@ -459,7 +459,7 @@ impl BlockEstimator {
                 let fit = if line {
                     EquationFit::of_line(sums, level)
                 } else {
-                    let room = &mut self.regressor[..e.own.len()];
+                    let room = &mut self.regressor[..e.parameters.len()];
                     EquationFit::of_rows(rows, &e.pass(self.used.clone()), &self.theta, level, room)
                 };
                 whole.take(e.index, &fit);

@@ -114,15 +114,15 @@ impl GroupState {
         room.noise.fill(TINY);
         for (e, sums) in self.equations.iter().zip(&self.at) {
             let p = sums.params;
-            // the block's own noise, if it is consistent with the level known so far
-            let mut own = own_variance(sums, &mut self.cholesky, &mut room.a, &mut room.scale);
+            // the noise of this block, if it is consistent with the level known so far
+            let mut of_block = own_variance(sums, &mut self.cholesky, &mut room.a, &mut room.scale);
             // larger residuals are those of a change within the block
-            if let (Some(rows), Loss::Square, true) = (rows, e.loss, own <= e.variance) {
+            if let (Some(rows), Loss::Square, true) = (rows, e.loss, of_block <= e.variance) {
                 let (step, regressor) = (&room.scale[..p], &mut room.regressor[..p]);
                 let freedom = (sums.rows as f64 - p as f64).max(1.0);
-                own = own.max(long_run_variance(rows, e, (theta, step), regressor, freedom));
+                of_block = of_block.max(long_run_variance(rows, e, (theta, step), regressor, freedom));
             }
-            let variance = e.variance.max(own.min(4.0 * e.variance)).max(TINY);
+            let variance = e.variance.max(of_block.min(4.0 * e.variance)).max(TINY);
             for i in 0..p {
                 // the largest of equations that share a parameter
                 room.noise[e.offset + i] = variance.max(room.noise[e.offset + i]);
@@ -268,12 +268,12 @@ impl GroupState {
             if freedom < 1.0 {
                 return true;
             }
-            let mut own = sums.cost / freedom;
+            let mut variance = sums.cost / freedom;
             if e.loss != Loss::Square {
                 // the median's efficiency is 0.37
-                (own, freedom) = (e.scale * e.scale, 0.37 * freedom);
+                (variance, freedom) = (e.scale * e.scale, 0.37 * freedom);
             }
-            let ratio = own / e.variance.max(TINY);
+            let ratio = variance / e.variance.max(TINY);
             f_tail(ratio, freedom, e.freedom.max(1.0)) > CONSISTENT
         }) && !self.is_another_plant(options)
     }

@@ -182,10 +182,10 @@ impl Clusters {
     pub fn widen(&self, covariance: &mut [f64]) {
         let n = self.moved.len();
         for i in 0..n {
-            let own = self.ratio(i).sqrt();
+            let factor = self.ratio(i).sqrt();
             for j in 0..n {
-                covariance[i * n + j] *= own;
-                covariance[j * n + i] *= own;
+                covariance[i * n + j] *= factor;
+                covariance[j * n + i] *= factor;
             }
         }
         for i in 0..n {

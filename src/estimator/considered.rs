@@ -213,8 +213,8 @@ impl Considered {
 
     /// Clears the sensitivities of parameter i, which is back at its start value.
     pub fn forget_parameter(&mut self, i: usize) {
-        let own = self.sensitivity.iter_mut().skip(i).step_by(self.n);
-        own.for_each(|t| *t = 0.0);
+        let of_parameter = self.sensitivity.iter_mut().skip(i).step_by(self.n);
+        of_parameter.for_each(|t| *t = 0.0);
     }
 
     /// Adopts the errors of the rows, for these parameters among all and those that are `fixed`.
@@ -223,7 +223,7 @@ impl Considered {
         for ((i, fixed), variance) in parameters.zip(fixed).zip(&mut self.inseparable) {
             // Rows that have not seen their joint move yet, after a start or in a new stream, know
             // none.
-            let known = Some(suspects.inseparable_std(i).powi(2)).filter(|own| *own > 0.0);
+            let known = Some(suspects.inseparable_std(i).powi(2)).filter(|known| *known > 0.0);
             *variance = if *fixed { 0.0 } else { known.unwrap_or(*variance) };
         }
         self.known = suspects.count().min(self.drifts.start).min(self.scores.len());
@@ -283,7 +283,7 @@ impl Considered {
         }
         let (suspects, end_ns) = (rows.suspect_rows(), rows.span(rows.len() - 1).1);
         for e in equations {
-            let p = e.own.len();
+            let p = e.parameters.len();
             let inverse = 1.0 / e.divisor;
             self.summed.begin(p);
             for index in range.clone() {
@@ -431,11 +431,11 @@ impl Considered {
                         continue;
                     }
                     let place = index as f64 / length - 0.5;
-                    for (i, own) in e.own.clone().enumerate() {
+                    for (i, own) in e.parameters.clone().enumerate() {
                         let k = e.offset + i;
                         theta[own] = line.middle[k] + place * line.slope[k];
                     }
-                    let phi = &mut self.regressor[..e.own.len()];
+                    let phi = &mut self.regressor[..e.parameters.len()];
                     rows.row(e.index, index, theta, phi);
                     for (i, x) in phi.iter().enumerate() {
                         self.doubled[e.offset + i] += weight * d * x;
@@ -510,10 +510,10 @@ impl Considered {
         // (C⁻¹ + AᵀA)⁻¹ with C the correlations, A the images
         self.factor.inverse(&mut self.matrix[..rows * rows]);
         for (row, s) in (0..count).filter(active).enumerate() {
-            let own = &self.seen[s * n..s * n + rank];
-            self.right[row] = size(s) * dot(own, values);
+            let image = &self.seen[s * n..s * n + rank];
+            self.right[row] = size(s) * dot(image, values);
             for (column, r) in (0..count).filter(active).enumerate() {
-                self.matrix[row * rows + column] += size(s) * size(r) * dot(own, &self.seen[r * n..r * n + rank]);
+                self.matrix[row * rows + column] += size(s) * size(r) * dot(image, &self.seen[r * n..r * n + rank]);
             }
         }
         if !self.factor.factor(rows, &self.matrix[..rows * rows]) {

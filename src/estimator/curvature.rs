@@ -50,7 +50,7 @@ enum Kind {
 struct Curved {
     kind: Kind,
     /// Its index, b or c, and that of its partner a.
-    own: usize,
+    index: usize,
     partner: usize,
     /// Its row of T at the last [`turn`](Curvature::turn): on the diagonal, and at the partner.
     scale: f64,
@@ -58,10 +58,10 @@ struct Curved {
 }
 
 impl Curved {
-    fn new(kind: Kind, own: usize, partner: usize) -> Self {
+    fn new(kind: Kind, index: usize, partner: usize) -> Self {
         Self {
             kind,
-            own,
+            index,
             partner,
             scale: 1.0,
             lean: 0.0,
@@ -78,7 +78,7 @@ impl Curved {
 /// A parameter that (e) holds around its start value.
 #[derive(Debug, Clone, Copy)]
 struct Held {
-    own: usize,
+    index: usize,
     size: f64,
     /// σ²/(ln 2)².
     weight: f64,
@@ -87,7 +87,7 @@ struct Held {
 impl Held {
     /// l of (e).
     fn beyond(&self, theta: &[f64]) -> Option<f64> {
-        let ratio = theta[self.own] / self.size;
+        let ratio = theta[self.index] / self.size;
         let log = if ratio > 0.0 { ratio.ln() } else { return None };
         let beyond = log - log.clamp(-LN_10, LN_10);
         (beyond != 0.0).then_some(beyond)
@@ -130,20 +130,20 @@ impl Curvature {
                 .iter()
                 .filter_map(|&(b, a)| Some((inside(b)?, inside(a)?)))
         };
-        for (own, partner) in pairs() {
-            match self.curved.iter_mut().find(|curved| curved.own == own) {
+        for (index, partner) in pairs() {
+            match self.curved.iter_mut().find(|curved| curved.index == index) {
                 Some(known) if weight(partner) > weight(known.partner) => known.partner = partner,
                 Some(_) => {}
-                None => self.curved.push(Curved::new(Kind::Product, own, partner)),
+                None => self.curved.push(Curved::new(Kind::Product, index, partner)),
             }
         }
-        for (factor, own) in pairs() {
-            let is = |i: usize, curved: &Curved| curved.own == i || curved.partner == i;
-            let Some(main) = self.curved.iter().find(|curved| curved.own == factor) else {
+        for (factor, index) in pairs() {
+            let is = |i: usize, curved: &Curved| curved.index == i || curved.partner == i;
+            let Some(main) = self.curved.iter().find(|curved| curved.index == factor) else {
                 continue;
             };
-            if !self.curved.iter().any(|curved| is(own, curved)) {
-                self.curved.push(Curved::new(Kind::Ratio, own, main.partner));
+            if !self.curved.iter().any(|curved| is(index, curved)) {
+                self.curved.push(Curved::new(Kind::Ratio, index, main.partner));
             }
         }
     }
@@ -151,10 +151,10 @@ impl Curvature {
     /// Holds each partner for which `open`(i) gives the size s_a; `variance` is σ².
     pub fn hold(&mut self, variance: f64, open: impl Fn(usize) -> Option<f64>) {
         for curved in &self.curved {
-            let own = curved.partner;
-            if self.held.iter().all(|held| held.own != own) {
+            let index = curved.partner;
+            if self.held.iter().all(|held| held.index != index) {
                 let weight = variance / (LN_2 * LN_2);
-                self.held.extend(open(own).map(|size| Held { own, size, weight }));
+                self.held.extend(open(index).map(|size| Held { index, size, weight }));
             }
         }
     }
@@ -169,9 +169,9 @@ impl Curvature {
     pub fn add_holding(&self, theta: &[f64], information: &mut [f64], slope: &mut [f64]) {
         for held in &self.held {
             if let Some(beyond) = held.beyond(theta) {
-                let own = theta[held.own];
-                slope[held.own] -= held.weight * beyond / own;
-                information[held.own * (self.size + 1)] += held.weight / (own * own);
+                let value = theta[held.index];
+                slope[held.index] -= held.weight * beyond / value;
+                information[held.index * (self.size + 1)] += held.weight / (value * value);
             }
         }
     }
@@ -185,24 +185,24 @@ impl Curvature {
     pub fn is_factor(&self, i: usize) -> bool {
         self.curved
             .iter()
-            .any(|curved| curved.own == i && curved.kind == Kind::Product)
+            .any(|curved| curved.index == i && curved.kind == Kind::Product)
     }
 
     /// Computes T at `theta` (b).
     pub fn turn(&mut self, theta: &[f64], centre: &[f64]) {
         for curved in &mut self.curved {
-            let (own, base) = (curved.own, centre[curved.partner]);
+            let (index, base) = (curved.index, centre[curved.partner]);
             (curved.scale, curved.lean) = match (curved.ratio(theta, centre), curved.kind) {
                 (None, _) => (1.0, 0.0),
-                (Some(r), Kind::Product) => (r, (theta[own] - centre[own]) / base),
-                (Some(r), Kind::Ratio) => (1.0 / r, (centre[own] - theta[own] / (r * r)) / base),
+                (Some(r), Kind::Product) => (r, (theta[index] - centre[index]) / base),
+                (Some(r), Kind::Ratio) => (1.0 / r, (centre[index] - theta[index] / (r * r)) / base),
             };
         }
     }
 
     /// d_i of (a).
     pub fn displacement(&self, i: usize, theta: &[f64], centre: &[f64]) -> f64 {
-        let curved = self.curved.iter().find(|curved| curved.own == i);
+        let curved = self.curved.iter().find(|curved| curved.index == i);
         match curved.and_then(|curved| Some((curved.ratio(theta, centre)?, curved.kind))) {
             None => theta[i] - centre[i],
             Some((r, Kind::Product)) => r * (theta[i] - centre[i]),
@@ -231,13 +231,13 @@ impl Curvature {
             *theta = clamp(i, from[i] + step(i));
         }
         for curved in &self.curved {
-            let own = curved.own;
+            let index = curved.index;
             let moved = match (curved.ratio(theta, from), curved.kind) {
                 (None, _) => continue,
-                (Some(r), Kind::Product) => from[own] + step(own) / r,
-                (Some(r), Kind::Ratio) => r * (step(own) - from[own] * (r - 2.0)),
+                (Some(r), Kind::Product) => from[index] + step(index) / r,
+                (Some(r), Kind::Ratio) => r * (step(index) - from[index] * (r - 2.0)),
             };
-            theta[own] = clamp(own, moved);
+            theta[index] = clamp(index, moved);
         }
     }
 
@@ -258,23 +258,23 @@ impl Curvature {
     /// The slope of a function of d as one of θ: g ← Tᵀ g.
     pub fn turn_slope(&self, slope: &mut [f64]) {
         for curved in &self.curved {
-            slope[curved.partner] += curved.lean * slope[curved.own];
-            slope[curved.own] *= curved.scale;
+            slope[curved.partner] += curved.lean * slope[curved.index];
+            slope[curved.index] *= curved.scale;
         }
     }
 
     /// The reverse: g ← T⁻ᵀ g.
     pub fn turn_slope_back(&self, slope: &mut [f64]) {
         for curved in &self.curved {
-            slope[curved.own] /= curved.scale;
-            slope[curved.partner] -= curved.lean * slope[curved.own];
+            slope[curved.index] /= curved.scale;
+            slope[curved.partner] -= curved.lean * slope[curved.index];
         }
     }
 
     /// A small change of d as one of θ: x ← T⁻¹ x.
     pub fn turn_change(&self, change: &mut [f64]) {
         for curved in &self.curved {
-            change[curved.own] = (change[curved.own] - curved.lean * change[curved.partner]) / curved.scale;
+            change[curved.index] = (change[curved.index] - curved.lean * change[curved.partner]) / curved.scale;
         }
     }
 
@@ -282,19 +282,19 @@ impl Curvature {
     pub fn turn_covariance(&self, covariance: &mut [f64]) {
         let n = self.size;
         for curved in &self.curved {
-            let (a, b) = (curved.partner, curved.own);
+            let (a, b) = (curved.partner, curved.index);
             for k in 0..n {
                 covariance[k * n + b] = (covariance[k * n + b] - curved.lean * covariance[k * n + a]) / curved.scale;
             }
-            let own = covariance[b * n + b] - curved.lean * covariance[a * n + b];
-            covariance[b * n + b] = own / curved.scale;
+            let variance = covariance[b * n + b] - curved.lean * covariance[a * n + b];
+            covariance[b * n + b] = variance / curved.scale;
             self.mirror(covariance, b);
         }
     }
 
     /// Tᵀ M T for a T with `lean` and `scale` in row b.
     fn combine(&self, matrix: &mut [f64], curved: &Curved, lean: f64, scale: f64) {
-        let (n, a, b) = (self.size, curved.partner, curved.own);
+        let (n, a, b) = (self.size, curved.partner, curved.index);
         for k in 0..n {
             matrix[k * n + a] += lean * matrix[k * n + b];
             matrix[k * n + b] *= scale;

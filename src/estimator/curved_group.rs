@@ -19,12 +19,12 @@ impl GroupState {
         let (n, variance, priors) = (self.n, self.variance(), &options.parameters[self.parameters.clone()]);
         let (equations, fixed, centre) = (self.equations.iter().zip(&self.at), &self.fixed, &self.centre);
         let weight = |i: usize| {
-            let own = |(e, sums): (&EquationState, &Sums)| {
+            let diagonal = |(e, sums): (&EquationState, &Sums)| {
                 let k = i.checked_sub(e.offset).filter(|&k| k < sums.params);
                 k.map_or(0.0, |k| sums.gram[k * (sums.params + 1)])
             };
             let size = if fixed[i] { 0.0 } else { centre[i] };
-            size * size * equations.clone().map(own).sum::<f64>()
+            size * size * equations.clone().map(diagonal).sum::<f64>()
         };
         self.curvature.adopt(rows, self.parameters.start, weight);
         let open = |i: usize| {

@@ -21,7 +21,7 @@ pub struct EquationState {
     /// Index in the structure.
     pub index: usize,
     /// Its parameters among all.
-    pub own: Range<usize>,
+    pub parameters: Range<usize>,
     /// Its first parameter in the group.
     pub offset: usize,
     pub divisor: f64,
@@ -48,19 +48,19 @@ impl EquationState {
         Pass {
             equation: self.index,
             range,
-            own: self.own.clone(),
+            parameters: self.parameters.clone(),
             divisor: self.divisor,
             loss: self.loss,
         }
     }
 
-    /// Equation `index` with parameters `own`, in a group of `parameters`; its noise is unknown.
-    pub fn new(index: usize, own: Range<usize>, parameters: &Range<usize>, options: &EstimatorOptions) -> Self {
-        let n = parameters.len();
+    /// Equation `index` with these parameters, of those of its `group`; its noise is unknown.
+    pub fn new(index: usize, parameters: Range<usize>, group: &Range<usize>, options: &EstimatorOptions) -> Self {
+        let n = group.len();
         Self {
             index,
-            offset: own.start - parameters.start,
-            own,
+            offset: parameters.start - group.start,
+            parameters,
             divisor: options.equations[index].std,
             floor: options.equations[index].floor,
             spread: 0.0,
@@ -131,15 +131,19 @@ impl EquationState {
         let freedom = (sums.rows - sums.outliers) as f64 - taken;
         self.surprise += (1.0 - options.forgetting_factor) * (self.excess(sums).min(LARGEST) - self.surprise);
         if freedom > 1e-6 * sums.rows as f64 {
-            let own = if self.loss == Loss::Square {
+            let variance = if self.loss == Loss::Square {
                 cost / freedom
             } else {
                 self.scale * self.scale
             };
             let known = self.freedom > 0.0 && options.change_detection.is_some();
-            let own = if known { own.min(4.0 * self.variance) } else { own };
+            let variance = if known {
+                variance.min(4.0 * self.variance)
+            } else {
+                variance
+            };
             let lambda = options.forgetting_factor;
-            self.spread = lambda * self.spread + freedom * own;
+            self.spread = lambda * self.spread + freedom * variance;
             self.freedom = lambda * self.freedom + freedom;
         }
     }
@@ -220,11 +224,11 @@ pub fn chi_square(equations: &[EquationState], sums: &[Sums], noise_is_configure
         } else {
             e.variance.max(TINY)
         };
-        let own = (sums.rows - sums.outliers) as f64;
+        let used = (sums.rows - sums.outliers) as f64;
         misfit += sums.cost / variance;
-        freedom += own - sums.params as f64;
-        unit += own * variance;
-        rows += own;
+        freedom += used - sums.params as f64;
+        unit += used * variance;
+        rows += used;
     }
     (misfit, freedom.max(0.0), if rows > 0.0 { unit / rows } else { 1.0 })
 }

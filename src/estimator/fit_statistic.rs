@@ -213,7 +213,11 @@ impl EquationFit {
             if outlier {
                 continue;
             }
-            let predicted: f64 = regressor.iter().zip(&theta[pass.own.clone()]).map(|(x, t)| x * t).sum();
+            let predicted: f64 = regressor
+                .iter()
+                .zip(&theta[pass.parameters.clone()])
+                .map(|(x, t)| x * t)
+                .sum();
             last.take(f, f + predicted / divisor, last.rows >= settled, &mut fit);
         }
         if last.rows > 0 {

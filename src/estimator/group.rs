@@ -99,7 +99,7 @@ impl GroupState {
                 EquationState::new(index, own, &parameters, options)
             })
             .collect();
-        let sums: Vec<Sums> = equations.iter().map(|e| Sums::new(e.own.len())).collect();
+        let sums: Vec<Sums> = equations.iter().map(|e| Sums::new(e.parameters.len())).collect();
         let mut state = Self {
             n,
             information: vec![0.0; n * n],
@@ -265,7 +265,7 @@ impl GroupState {
             return;
         }
         for (e, sums) in self.equations.iter_mut().zip(&self.at) {
-            let regressor = &mut self.room.regressor[..e.own.len()];
+            let regressor = &mut self.room.regressor[..e.parameters.len()];
             let median = self.magnitudes.median(rows, e.index, range.clone(), theta, regressor);
             e.limit_outliers(median / e.divisor, sums, closed, options);
         }

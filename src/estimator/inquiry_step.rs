@@ -57,7 +57,7 @@ impl GroupState {
         let known = self.room.a.iter_mut().zip(&self.errors.total);
         known
             .zip(published)
-            .for_each(|((a, own), (open, widened_total))| *a = own + open - widened_total);
+            .for_each(|((a, total), (open, widened_total))| *a = total + open - widened_total);
         self.inquiry
             .begin(&self.centre, &self.room.a, &self.room.scale, [level, surprise]);
     }

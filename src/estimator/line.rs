@@ -143,7 +143,7 @@ impl LineFit {
         for ((e, cost), outliers) in equations.iter().zip(&mut self.costs).zip(&mut self.outliers) {
             (*cost, *outliers) = (0.0, 0);
             let variance = e.variance.max(TINY);
-            let p = e.own.len();
+            let p = e.parameters.len();
             let weight = 1.0 / (e.divisor * e.divisor * variance);
             for index in 0..rows.len() {
                 let s = index as f64 / length - 0.5;

@@ -86,7 +86,7 @@ pub struct Pass {
     /// Its rows.
     pub range: Range<usize>,
     /// Its parameters among all.
-    pub own: Range<usize>,
+    pub parameters: Range<usize>,
     /// Its noise_std.
     pub divisor: f64,
     /// Its loss.
@@ -102,12 +102,12 @@ pub trait Summable: Residuals {
 
 impl<R: Residuals> Summable for R {
     fn sum(&self, pass: &Pass, theta: &[f64], sums: &mut Sums) {
-        if pass.loss != Loss::Square || pass.own.len() > MOST {
+        if pass.loss != Loss::Square || pass.parameters.len() > MOST {
             return general(self, pass, theta, sums);
         }
         sums.rows = used(self, pass.equation, pass.range.clone());
         // Only this is compiled for each kind of rows; the loops over them are compiled once.
-        let (n, inverse) = (pass.own.len(), 1.0 / pass.divisor);
+        let (n, inverse) = (pass.parameters.len(), 1.0 / pass.divisor);
         let mut gather = |rows: Range<usize>, chunk: &mut Chunk| {
             for (at, index) in rows.enumerate() {
                 let mut regressor = [0.0; MOST];
@@ -161,7 +161,7 @@ struct Chunk {
 fn plain(pass: &Pass, theta: &[f64], sums: &mut Sums, gather: &mut dyn FnMut(Range<usize>, &mut Chunk)) {
     macro_rules! sized {
         ($($n:literal)*) => {
-            match pass.own.len() {
+            match pass.parameters.len() {
                 $($n => fixed::<$n>(pass, theta, sums, gather),)*
                 _ => unreachable!("the caller looks at the length"),
             }
@@ -222,7 +222,7 @@ fn fixed<const N: usize>(
         }
     }
     (sums.cost, sums.outliers) = (sum(cost), 0);
-    sums.size = size(N, &sums.gram, &theta[pass.own.clone()]);
+    sums.size = size(N, &sums.gram, &theta[pass.parameters.clone()]);
 }
 
 /// Number of rows of an equation that are used.
@@ -236,7 +236,7 @@ fn size(n: usize, gram: &[f64], theta: &[f64]) -> f64 {
 
 fn general(rows: &impl Residuals, pass: &Pass, theta: &[f64], sums: &mut Sums) {
     let (equation, range, divisor) = (pass.equation, pass.range.clone(), pass.divisor);
-    let n = pass.own.len();
+    let n = pass.parameters.len();
     let mut buffer = [0.0; super::MAX_PARAMS];
     let phi = &mut buffer[..n];
     sums.gram.fill(0.0);
@@ -261,5 +261,5 @@ fn general(rows: &impl Residuals, pass: &Pass, theta: &[f64], sums: &mut Sums) {
             sums.gram[j * n + i] = sums.gram[i * n + j];
         }
     }
-    sums.size = size(n, &sums.gram, &theta[pass.own.clone()]);
+    sums.size = size(n, &sums.gram, &theta[pass.parameters.clone()]);
 }

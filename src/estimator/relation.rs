@@ -71,11 +71,11 @@ impl Published {
     pub fn take(&mut self, theta: &[f64], groups: &Groups, relations: &[[usize; 4]]) -> IndexSet {
         self.theta.copy_from_slice(theta);
         let published = self.covariance.iter_mut().zip(&mut self.weights);
-        for (k, ((own, weights), group)) in published.zip(groups.iter()).enumerate() {
-            own.copy_from_slice(&group.confirmation.covariance);
+        for (k, ((covariance, weights), group)) in published.zip(groups.iter()).enumerate() {
+            covariance.copy_from_slice(&group.confirmation.covariance);
             weights.copy_from_slice(&group.weights);
             if groups.cause_search.is_ambiguous(k) {
-                group.inquiry.widen(&theta[group.parameters.clone()], own);
+                group.inquiry.widen(&theta[group.parameters.clone()], covariance);
             }
         }
         let mut contradicting = IndexSet::EMPTY;

@@ -244,9 +244,9 @@ impl Report {
                 self.usable.insert(i);
             }
             if let Some(group) = group.filter(|_| !small && quiet && fits && clear && free && self.blocks > SETTLED)
-                && let own = i - group.parameters.start
-                && group.excitation.share(own) > EXCITED
-                && let Some((error, widening)) = group.considered.leading(own)
+                && let place = i - group.parameters.start
+                && group.excitation.share(place) > EXCITED
+                && let Some((error, widening)) = group.considered.leading(place)
                 && widening > most * variance
             {
                 (most, self.limited) = (widening / variance, Some((i, error)));

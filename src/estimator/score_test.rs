@@ -124,9 +124,9 @@ impl ScoreTest {
                 None if s < count => std(s),
                 None => 0.0,
             };
-            let own = &mut self.moments[s * room + s];
-            if *own == 0.0 {
-                *own = self.std[s] * self.std[s];
+            let moment = &mut self.moments[s * room + s];
+            if *moment == 0.0 {
+                *moment = self.std[s] * self.std[s];
             }
         }
         &self.moments
@@ -142,7 +142,14 @@ impl ScoreTest {
     pub fn take(&mut self, group: usize, evidence: &GroupEvidence<'_>) {
         self.groups[group].take(evidence);
         let (_, _, summed) = evidence.scores;
+<<<<<<< HEAD
         self.summed.take(summed);
+=======
+        let pending = self.pending_summed.iter_mut().zip(summed);
+        // the rows of an equation belong to one group
+        let informs = |(_, new): &(&mut SummedScore, &SummedScore)| new.information > 0.0;
+        pending.filter(informs).for_each(|(pending, new)| *pending = *new);
+>>>>>>> a7867dc (Values of the estimator are named by what they are instead of "own")
     }
 
     /// Ends a block.
@@ -178,10 +185,10 @@ impl ScoreTest {
         }
         for s in 0..self.std.len() {
             let believed = self.believed(s).powi(2).max(self.seen_in_sums(s));
-            let own = &mut self.moments[s * self.std.len() + s];
+            let moment = &mut self.moments[s * self.std.len() + s];
             // a posterior that could not be factored leaves the prior
-            let least = if *own > 0.0 { 0.0 } else { self.std[s] * self.std[s] };
-            *own = own.max(believed).max(least);
+            let least = if *moment > 0.0 { 0.0 } else { self.std[s] * self.std[s] };
+            *moment = moment.max(believed).max(least);
         }
     }
 

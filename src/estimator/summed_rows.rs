@@ -101,8 +101,8 @@ impl SummedRows {
         let suspect = (0..columns.len()).find(|&s| self.slow[s] && columns[s] != 0.0);
         let Some(suspect) = suspect else { return };
         self.suspect = Some(suspect);
-        let (own, rest) = self.sum.split_at_mut(self.params);
-        own.iter_mut().zip(phi).for_each(|(sum, phi)| *sum += phi); // (a)
+        let (regressor, rest) = self.sum.split_at_mut(self.params);
+        regressor.iter_mut().zip(phi).for_each(|(sum, phi)| *sum += phi); // (a)
         rest[0] += columns[suspect];
         rest[1] += f;
         self.rows += 1;

@@ -335,9 +335,9 @@ impl BlockEstimator {
 
     /// Makes the prior of each group from its state before the block.
     fn begin_groups(&mut self, rows: &dyn Summable) {
-        let (priors, drift) = (&self.options.parameters, self.options.drift_per_s);
-        let drift = |i: usize| if priors[i].fixed { 0.0 } else { drift };
-        let moments = self.score_test.prepare(rows.suspects(), |s| rows.suspect_std(s), drift);
+        let (priors, suspects) = (&self.options.parameters, rows.suspect_rows());
+        let drift = |i: usize| if priors[i].fixed { 0.0 } else { self.options.drift_per_s };
+        let moments = self.score_test.prepare(suspects.count(), |s| suspects.std(s), drift);
         self.groups.allow_for(moments);
         for group in self.groups.iter_mut() {
             group.since_alarm = group.since_alarm.saturating_add(1);
@@ -374,10 +374,9 @@ impl BlockEstimator {
     /// The line has bent, or the plant has changed: neither a line nor a constant describes this
     /// block.
     fn give_up_the_line(&mut self) {
-        self.report.change = self.report.change.map(|change| Change {
-            kind: ChangeKind::Between,
-            ..change
-        });
+        if let Some(change) = &mut self.report.change {
+            change.kind = ChangeKind::Between;
+        }
         self.since_change = 0;
         self.groups.doubt(&self.theta);
     }
@@ -426,7 +425,8 @@ impl BlockEstimator {
         let used = (self.used.clone(), &self.report.fit[..]);
         self.groups.inquire(rows, used, &mut self.later, &self.options);
         self.score_test.end();
-        self.report.suspicion = self.score_test.likeliest(|s| rows.lags_as(s), |s| rows.is_named(s));
+        let (test, suspects) = (&self.score_test, rows.suspect_rows());
+        self.report.suspicion = test.likeliest(|s| suspects.lags_as(s), |s| suspects.is_named(s));
         self.groups.allow_for(self.score_test.moments());
     }
 

@@ -121,29 +121,6 @@ impl<R: Residuals> Summable for R {
     }
 }
 
-/// The short names by which `block.rs` calls the errors of its rows.
-impl dyn Summable + '_ {
-    /// [`SuspectRows::count`](super::SuspectRows::count).
-    pub fn suspects(&self) -> usize {
-        self.suspect_rows().count()
-    }
-
-    /// [`SuspectRows::std`](super::SuspectRows::std).
-    pub fn suspect_std(&self, suspect: usize) -> f64 {
-        self.suspect_rows().std(suspect)
-    }
-
-    /// [`SuspectRows::lags_as`](super::SuspectRows::lags_as).
-    pub fn lags_as(&self, suspect: usize) -> Option<usize> {
-        self.suspect_rows().lags_as(suspect)
-    }
-
-    /// [`SuspectRows::is_named`](super::SuspectRows::is_named).
-    pub fn is_named(&self, suspect: usize) -> bool {
-        self.suspect_rows().is_named(suspect)
-    }
-}
-
 /// Largest number of parameters of an equation whose sums are in arrays.
 const MOST: usize = 8;
 /// Rows summed in parallel, so that each product of two regressor entries is one vector operation.

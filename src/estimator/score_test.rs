@@ -142,14 +142,7 @@ impl ScoreTest {
     pub fn take(&mut self, group: usize, evidence: &GroupEvidence<'_>) {
         self.groups[group].take(evidence);
         let (_, _, summed) = evidence.scores;
-<<<<<<< HEAD
         self.summed.take(summed);
-=======
-        let pending = self.pending_summed.iter_mut().zip(summed);
-        // the rows of an equation belong to one group
-        let informs = |(_, new): &(&mut SummedScore, &SummedScore)| new.information > 0.0;
-        pending.filter(informs).for_each(|(pending, new)| *pending = *new);
->>>>>>> a7867dc (Values of the estimator are named by what they are instead of "own")
     }
 
     /// Ends a block.

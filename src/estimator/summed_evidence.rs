@@ -50,7 +50,7 @@ impl SummedEvidence {
         let pending = self.pending.iter_mut().zip(scores);
         // the rows of an equation belong to one group
         let informs = |(_, new): &(&mut SummedScore, &SummedScore)| new.information > 0.0;
-        pending.filter(informs).for_each(|(own, new)| *own = *new);
+        pending.filter(informs).for_each(|(pending, new)| *pending = *new);
     }
 
     /// Ends a block.

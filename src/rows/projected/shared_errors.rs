@@ -176,7 +176,7 @@ mod tests {
     use super::*;
     use crate::estimator::Residuals;
     use crate::model::{Equation, JointSample, Parameter, Plant, Scalar};
-    use crate::rows::probes::Random;
+    use crate::random::Random;
     use std::sync::Arc;
 
     const BLOCK: usize = 1000;
@@ -229,7 +229,7 @@ mod tests {
         };
         let block = MeasuredBlock::new(Arc::new(Coupled(parameters, equations)), options, BLOCK).unwrap();
         let mut rows = Projection::new(block);
-        let mut random = Random::new(7);
+        let mut random = Random(7);
         // amplitude, angular frequency and phase of each joint
         let motion = [[3e-4, 23.0, 0.0], [3e-4, 17.0, 1.0]];
         let (mut sums, mut variances) = ([0.0; 3], [0.0; 3]);

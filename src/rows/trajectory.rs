@@ -11,6 +11,17 @@ pub(super) struct Trajectory {
     pub u: Vec<Vec<f64>>,
     /// Features of the plant's nonlinear terms (`separation.rs`) \[feature\]\[sample\].
     pub features: Vec<Vec<f64>>,
+    /// Samples at which a joint reverses at which terms jump.
+    pub turns: Vec<Turn>,
+}
+
+/// A sample during whose period a joint reverses.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Turn {
+    pub at: usize,
+    pub joint: usize,
+    /// Share of the period and mean velocity before and after the reversal.
+    pub parts: [(f64, f64); 2],
 }
 
 impl Trajectory {
@@ -22,6 +33,7 @@ impl Trajectory {
             dq: buffers(joints),
             u: buffers(joints),
             features: buffers(features),
+            turns: Vec::with_capacity(capacity),
         }
     }
 

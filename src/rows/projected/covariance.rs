@@ -5,17 +5,21 @@
 //! ```
 //!
 //! w are the weights of the input (`kernel.rs`), c those of the positions (`error_weights.rs`) at
-//! θ̂ before the block. A jump of the input is known to 5 σ_u² and a thousandth of its size; an
-//! input that was replaced, or that jumped between two samples, has additional variance.
+//! θ̂ before the block, and through the instants of reversals (`reversal_errors.rs`). A jump
+//! of the input is known to 5 σ_u² and a thousandth of its size; an input that was replaced, or
+//! that jumped between two samples, has additional variance.
 
 use super::input_jumps::within;
 use super::measured::MeasuredBlock;
+use super::reversal_errors::Placed;
 use super::sample_noise::EXACT;
 use super::windows::Window;
 use crate::rows::error_weights::{ErrorWeights, linear_in_velocity, nonlinear};
 use crate::rows::kernel::dot;
 use crate::rows::partials::{Kind, LANES, Partials};
+use crate::rows::passes::Terms;
 use crate::rows::rounding;
+use crate::rows::standstill::motion_needed;
 use crate::rows::theta_polynomial::MAX_ORDER;
 use crate::rows::whitening::Whitening;
 use std::ops::Range;
@@ -42,6 +46,8 @@ pub(super) struct RowCovariance {
     /// Scratch: c of the terms that are the same in every row, and the data of the others.
     linear: Vec<f64>,
     scratch: Vec<f64>,
+    /// Scratch: the jumps of an equation's terms at the reversals.
+    jumps: Vec<Terms>,
 }
 
 impl RowCovariance {
@@ -60,11 +66,20 @@ impl RowCovariance {
                 .map(|lag| weights.get(lag * stride..).map_or(0.0, |shifted| dot(weights, shifted)))
                 .collect(),
             support,
-            spans: (0..form.equations())
-                .map(|e| (0..joints).map(|joint| form.span(e, joint)).collect())
+            spans: (0..)
+                .zip(motion_needed(&*form.plant))
+                .map(|(e, moving)| {
+                    // the instant of a reversal depends on a filter's length of positions
+                    let span = |joint: usize| match moving >> joint & 1 {
+                        1 => 0..support,
+                        _ => form.span(e, joint),
+                    };
+                    (0..joints).map(span).collect()
+                })
                 .collect(),
             linear: vec![0.0; support * joints],
             scratch: vec![0.0; ErrorWeights::room(&form.kernels, form.velocity.half)],
+            jumps: Vec::with_capacity(block.reversals.room()),
         }
     }
 
@@ -175,6 +190,8 @@ impl RowCovariance {
     pub fn make(&mut self, block: &MeasuredBlock, e: usize, theta: &[f64], whitening: &mut Whitening) {
         self.differentiate(block, e, theta);
         error_weights(block, e).write_linear(theta, &mut self.linear);
+        let signals = &block.samples.signals;
+        block.reversals.jumps(&block.form, signals, e, theta, &mut self.jumps);
         whitening.begin(block.samples.windows.len());
         let input = InputNoise::new(block, e);
         for i in 0..block.samples.windows.len() {
@@ -231,6 +248,11 @@ impl RowCovariance {
         let slopes = |kind: Kind, d: usize| &all[place(kind)][d][span.clone()];
         error_weights(block, e).write(&self.linear, slopes, &mut self.scratch, c);
         let first = window.centre - form.kernels.half - form.velocity.half;
+        let placed = Placed {
+            kernels: &form.kernels.position,
+            first: *span.start(),
+        };
+        block.reversals.add(&self.jumps, &placed, c, (self.support, first));
         let joints = c.chunks_exact_mut(self.support).zip(&self.spans[e]);
         for ((own, span), std) in joints.zip(&block.noise.q_std) {
             let own = own[span.clone()].iter_mut().zip(&std[first + span.start..]);

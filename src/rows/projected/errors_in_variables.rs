@@ -104,8 +104,9 @@ impl SmoothedSignals {
             }
         }
         block.form.differentiate(&mut self.signals, covered.clone());
+        self.signals.turns.clear();
         let std = |joint: usize| block.noise.sensors.deviations(joint)[0];
-        reversals::correct(&block.form, standstill, &mut self.signals, std, covered);
+        reversals::correct(&block.form, standstill, &mut self.signals, std, covered, |_| {});
         self.applied = true;
     }
 }

@@ -80,8 +80,27 @@ impl Evaluation {
         &self.columns[direction as usize][equation]
     }
 
-    /// Terms of an equation and their derivatives in θ at every sample of a window.
+    /// Terms of an equation and their derivatives in θ at every sample of a window; if a joint
+    /// reverses there, the mean of both directions as in `reversals.rs`.
     fn evaluate(&mut self, source: &Source<'_>, e: usize) {
+        let covered = source.block.samples.windows.covered();
+        let values = (source.block.form.own(e) + 1) * (source.block.form.plant.equations()[e].order + 1);
+        for at in covered.clone() {
+            self.samples[..values].iter_mut().for_each(|samples| samples[at] = 0.0);
+            self.add(source, e, at, 1.0, None);
+        }
+        for turn in source.signals.turns.iter().filter(|turn| covered.contains(&turn.at)) {
+            self.samples[..values]
+                .iter_mut()
+                .for_each(|samples| samples[turn.at] = 0.0);
+            for (share, velocity) in turn.parts {
+                self.add(source, e, turn.at, share, Some((turn.joint, velocity)));
+            }
+        }
+    }
+
+    /// Adds a share of the terms at a sample, with another velocity of one joint if there is one.
+    fn add(&mut self, source: &Source<'_>, e: usize, at: usize, share: f64, other: Option<(usize, f64)>) {
         let (plant, signals) = (&*source.block.form.plant, source.signals);
         let form = &plant.equations()[e];
         let (terms, joints) = (form.order + 1, signals.joints());
@@ -90,21 +109,25 @@ impl Evaluation {
         for (dual, &value) in theta.iter_mut().zip(&self.theta) {
             dual.re = value;
         }
-        for at in source.block.samples.windows.covered() {
-            let mut q = [Dual64::from_re(0.0); MAX_JOINTS];
-            let mut dq = [Dual64::from_re(0.0); MAX_JOINTS];
-            for j in 0..joints {
-                (q[j].re, dq[j].re) = (signals.q[j][at], signals.dq[j][at]);
-            }
-            for (slot, parameter) in form.parameters.clone().enumerate() {
-                theta[parameter].eps = 1.0;
-                let mut g = [Dual64::from_re(0.0); MAX_ORDER + 1];
-                Dual64::terms(plant, e, &q[..joints], &dq[..joints], &theta[..params], &mut g[..terms]);
-                theta[parameter].eps = 0.0;
-                for d in 0..terms {
-                    self.samples[d][at] = g[d].re;
-                    self.samples[(slot + 1) * terms + d][at] = g[d].eps;
+        let mut q = [Dual64::from_re(0.0); MAX_JOINTS];
+        let mut dq = [Dual64::from_re(0.0); MAX_JOINTS];
+        for j in 0..joints {
+            (q[j].re, dq[j].re) = (signals.q[j][at], signals.dq[j][at]);
+        }
+        if let Some((joint, velocity)) = other {
+            dq[joint].re = velocity;
+        }
+        for (slot, parameter) in form.parameters.clone().enumerate() {
+            theta[parameter].eps = 1.0;
+            let mut g = [Dual64::from_re(0.0); MAX_ORDER + 1];
+            Dual64::terms(plant, e, &q[..joints], &dq[..joints], &theta[..params], &mut g[..terms]);
+            theta[parameter].eps = 0.0;
+            for d in 0..terms {
+                // the value is the same for every parameter
+                if slot == 0 {
+                    self.samples[d][at] += share * g[d].re;
                 }
+                self.samples[(slot + 1) * terms + d][at] += share * g[d].eps;
             }
         }
     }

@@ -2,6 +2,7 @@
 
 use super::input_jumps::InputJumps;
 use super::options::{ProjectedError, ProjectedOptions};
+use super::reversal_errors::ReversalErrors;
 use super::sample_noise::SampleNoise;
 use super::samples::Samples;
 use super::weak_form::WeakForm;
@@ -15,6 +16,7 @@ pub(super) struct MeasuredBlock {
     pub samples: Samples,
     pub noise: SampleNoise,
     pub jumps: InputJumps,
+    pub reversals: ReversalErrors,
 }
 
 impl MeasuredBlock {
@@ -27,6 +29,7 @@ impl MeasuredBlock {
         let samples = Samples::new(&form, block_len);
         let (joints, capacity) = (form.plant.joints(), samples.capacity());
         Ok(Self {
+            reversals: ReversalErrors::new(&form, capacity),
             form,
             samples,
             noise: SampleNoise::new(options.noise, joints, capacity),

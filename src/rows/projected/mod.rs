@@ -37,9 +37,10 @@
 //!
 //! v_k ≥ 1 accounts for rounding that is not white (`rounding.rs`): it is white while the joint
 //! crosses counts, and almost constant from sample to sample while it creeps; its errors then add
-//! up over many windows. c follows from automatic differentiation at θ̂ before the block. The rows
-//! are whitened by R, so their residuals have variance 1 and the standard deviations of θ̂ need no
-//! further factor.
+//! up over many windows. c follows from automatic differentiation at θ̂ before the block, and at
+//! reversals of friction from how their instants depend on the positions (`reversal_errors.rs`).
+//! The rows are whitened by R, so their residuals have variance 1 and the standard deviations of θ̂
+//! need no further factor.
 //!
 //! # Errors in variables
 //! Regressors and residuals contain the same noisy positions, so the two are correlated and least
@@ -75,6 +76,7 @@ mod measured;
 mod options;
 mod projection;
 mod regressor_noise;
+mod reversal_errors;
 mod reversals;
 mod sample_noise;
 mod samples;

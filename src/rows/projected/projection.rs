@@ -61,7 +61,7 @@ impl Projection {
             smoothed: SmoothedSignals::new(&block, rows),
             shared: SharedErrors::new(&block, rows),
             regressor_noise: RegressorNoise::new(&block, rows),
-            tail: Tail::new(form, block.samples.block_len()),
+            tail: Tail::new(&block),
             column_noise: vec![ColumnNoise::new(&block, rows); form.equations()],
             theta: vec![0.0; form.plant.parameters().len()],
             covariance,
@@ -109,13 +109,21 @@ impl Projection {
     /// Splits the samples at which a joint reverses between both directions.
     fn find_reversals(&mut self) {
         let MeasuredBlock {
-            form, samples, noise, ..
+            form,
+            samples,
+            noise,
+            reversals: errors,
+            ..
         } = &mut self.block;
         let std = |joint: usize| noise.sensors.deviations(joint)[0];
         let half = form.velocity.half;
+        errors.clear();
+        samples.signals.turns.clear();
         for stretch in samples.repair.stretches(samples.len) {
             let known = stretch.start + half..stretch.end.saturating_sub(half);
-            reversals::correct(form, &self.standstill, &mut samples.signals, std, known);
+            reversals::correct(form, &self.standstill, &mut samples.signals, std, known, |reversal| {
+                errors.note(form, reversal, std(reversal.joint));
+            });
         }
     }
 

@@ -202,8 +202,9 @@ impl RegressorNoise {
         }
         let covered = block.samples.windows.covered();
         block.form.differentiate(&mut self.noisy, covered.clone());
+        self.noisy.turns.clear();
         let std = |joint: usize| block.noise.sensors.deviations(joint)[0];
-        reversals::correct(&block.form, rows.standstill, &mut self.noisy, std, covered);
+        reversals::correct(&block.form, rows.standstill, &mut self.noisy, std, covered, |_| {});
     }
 
     /// Subtracts from the errors what the residuals show of them, (2).

@@ -13,11 +13,14 @@
 //! When friction reverses, the acceleration jumps by some Δ, and the velocity filter, which assumes
 //! it smooth, is systematically late or early by a fraction of h. If the positions determine (1)
 //! sharply, t₀ comes from that fit, otherwise from the zero of the filtered velocity.
+//!
+//! Either is off by the noise of the positions, which can be most of the noise of a row:
+//! `reversal_errors.rs`.
 
 use super::weak_form::WeakForm;
 use crate::model::MAX_JOINTS;
 use crate::rows::standstill::Standstill;
-use crate::rows::trajectory::Trajectory;
+use crate::rows::trajectory::{Trajectory, Turn};
 use nalgebra::{SMatrix, SVector};
 use std::ops::Range;
 
@@ -30,14 +33,28 @@ const SETTLED: f64 = 0.01;
 /// Largest standard deviation of t₀, in samples, with which the fit is preferred to the filter.
 const SHARP: f64 = 0.05;
 
-/// Corrects velocities and features at reversals of joints at which terms jump. The velocities of
-/// `samples` are known; `noise` is the standard deviation of a joint's positions.
+/// A reversal of a joint.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Reversal {
+    pub joint: usize,
+    /// The last sample at which the filtered velocity has the sign before the reversal.
+    pub at: usize,
+    /// t₀, in samples.
+    pub instant: f64,
+    /// Change of the velocity from one sample to the next.
+    pub slope: f64,
+}
+
+/// Corrects velocities and features at reversals of joints at which terms jump, and passes these to
+/// `found`. The velocities of `samples` are known; `noise` is the standard deviation of a joint's
+/// positions.
 pub(super) fn correct(
     form: &WeakForm,
     standstill: &Standstill,
     signals: &mut Trajectory,
     noise: impl Fn(usize) -> f64,
     samples: Range<usize>,
+    mut found: impl FnMut(Reversal),
 ) {
     let half = form.velocity.half;
     for joint in (0..form.plant.joints()).filter(|&joint| standstill.jumps(joint)) {
@@ -50,6 +67,12 @@ pub(super) fn correct(
             let q = &signals.q[joint][at - half..=at + half];
             let instant = at as f64 + locate(q, filtered, noise(joint)).unwrap_or(filtered);
             let slope = next - here;
+            found(Reversal {
+                joint,
+                at,
+                instant,
+                slope,
+            });
             // samples between both instants have the wrong sign
             for k in samples.clone().skip((at - samples.start).saturating_sub(1)).take(4) {
                 let u = k as f64 - instant;
@@ -60,13 +83,11 @@ pub(super) fn correct(
                 if u.abs() < 0.5 {
                     // (2), at the middle of either part of the period
                     let parts = [0.5 * (u - 0.5), 0.5 * (u + 0.5)];
-                    evaluate(
-                        form,
-                        signals,
-                        k,
-                        joint,
-                        parts.map(|mean| (2.0 * mean.abs(), mean * slope)),
-                    );
+                    let parts = parts.map(|mean| (2.0 * mean.abs(), mean * slope));
+                    if signals.turns.len() < signals.q[joint].len() {
+                        signals.turns.push(Turn { at: k, joint, parts });
+                    }
+                    evaluate(form, signals, k, joint, parts);
                 } else if wrong {
                     evaluate(form, signals, k, joint, [(1.0, slope * u), (0.0, slope * u)]);
                 }
@@ -85,9 +106,7 @@ fn locate(q: &[f64], filtered: f64, noise: f64) -> Option<f64> {
         let mut normal = SMatrix::<f64, UNKNOWNS, UNKNOWNS>::zeros();
         let mut right = SVector::<f64, UNKNOWNS>::zeros();
         for (k, q) in q.iter().enumerate() {
-            let x = (k as f64 - half - instant) / half;
-            let late = x.max(0.0);
-            let row = SVector::from([1.0, x, x * x, late * late, x.powi(3), x.powi(4), x.powi(5)]); // (1)
+            let row = row((k as f64 - half - instant) / half);
             normal += row * row.transpose();
             right += row * (q - reference);
         }
@@ -108,6 +127,29 @@ fn locate(q: &[f64], filtered: f64, noise: f64) -> Option<f64> {
         }
     }
     None
+}
+
+/// The unknowns' factors in (1) at a time u, in half lengths of the filter.
+fn row(u: f64) -> SVector<f64, UNKNOWNS> {
+    let late = u.max(0.0);
+    SVector::from([1.0, u, u * u, late * late, u.powi(3), u.powi(4), u.powi(5)])
+}
+
+/// The velocity at the reversal per unit of each of the 2 `half` + 1 positions around it, by (1)
+/// with t₀ this many samples from their middle; none if they are too few.
+pub(super) fn velocity_weights(half: usize, instant: f64, mut put: impl FnMut(usize, f64)) {
+    let length = half as f64;
+    let row = |k: usize| row((k as f64 - length - instant) / length);
+    let normal = (0..=2 * half)
+        .map(row)
+        .fold(SMatrix::<f64, UNKNOWNS, UNKNOWNS>::zeros(), |sum, row| {
+            sum + row * row.transpose()
+        });
+    let Some(cholesky) = normal.cholesky() else { return };
+    let mut own = SVector::<f64, UNKNOWNS>::zeros();
+    own[1] = 1.0 / length;
+    let own = cholesky.solve(&own);
+    (0..=2 * half).for_each(|k| put(k, own.dot(&row(k))));
 }
 
 /// Writes the features of a sample: those at two velocities of a joint, weighted.

@@ -14,12 +14,14 @@
 //! fit statistic uses them (`estimator/fit_statistic.rs`).
 
 use super::measured::MeasuredBlock;
+use super::reversal_errors::Placed;
 use super::velocity_filter::ORDER;
-use super::weak_form::{WeakForm, highest_order};
+use super::weak_form::highest_order;
 use crate::rows::end_kernel::EndKernels;
 use crate::rows::error_weights::{linear_in_velocity, nonlinear};
 use crate::rows::kernel::{correlate_odd, dot};
 use crate::rows::partials::{LANES, Partials};
+use crate::rows::passes::Terms;
 use crate::rows::separation::Separation;
 use crate::rows::smoothing::beyond;
 use crate::rows::theta_polynomial::MAX_ORDER;
@@ -57,11 +59,13 @@ pub(super) struct Tail {
     weights: Vec<f64>,
     filtered: Vec<f64>,
     slopes: Vec<[f64; MAX_ORDER + 1]>,
+    jumps: Vec<Terms>,
 }
 
 impl Tail {
-    /// The windows at the end of a block of `block_len` samples.
-    pub fn new(form: &WeakForm, block_len: usize) -> Self {
+    /// The windows at the end of a block.
+    pub fn new(block: &MeasuredBlock) -> Self {
+        let (form, block_len) = (&block.form, block.samples.block_len());
         let (half, velocity_half) = (form.kernels.half, form.velocity.half);
         let (options, separation, joints) = (&form.options, &form.separation, form.plant.joints());
         let (period_s, order) = (options.sample_period_s, highest_order(&*form.plant) + 1);
@@ -90,6 +94,7 @@ impl Tail {
             weights: vec![0.0; (longest + velocity_half) * joints],
             filtered: vec![0.0; longest + 3 * velocity_half],
             slopes: vec![[0.0; MAX_ORDER + 1]; longest * 2 * joints],
+            jumps: Vec::with_capacity(block.reversals.room()),
             kernels,
             longest,
             velocity_half,
@@ -117,6 +122,8 @@ impl Tail {
         for e in 0..self.input.len() {
             if end.form.separation.equations[e].is_some() {
                 self.differentiate(end, e, stop, theta);
+                let signals = &end.samples.signals;
+                end.reversals.jumps(&end.form, signals, e, theta, &mut self.jumps);
                 for k in 0..COUNT {
                     self.project_window(end, e, k, stop, theta);
                 }
@@ -250,6 +257,11 @@ impl Tail {
                 }
             }
         }
+        let placed = Placed {
+            kernels: &kernels.position,
+            first: stop - kernels.count,
+        };
+        end.reversals.add(&self.jumps, &placed, c, (support, stop - support));
         let mut variance = 0.0;
         for (joint, c) in c.chunks_exact(support).enumerate() {
             let std = &end.noise.q_std[joint][stop - support..stop];

@@ -1,0 +1,236 @@
+//! What noise of the positions does to rows through the instants of reversals.
+//!
+//! ```text
+//! (1)  δt₀ = Σ_k w_k δq_k                     w = −(weights of the velocity at t₀)/(acceleration)
+//! (2)  c(k) += Σ_d K_d(t₀) (g_d⁻ − g_d⁺) w_k/h        g_d before and after the reversal
+//! ```
+//!
+//! A term that jumps as a joint reverses, as Coulomb friction does, has no slope in the velocity on
+//! either side: without (2), R would hold the instant t₀ (`reversals.rs`) for exact. The noise of a
+//! position can move t₀ by as much as a sample period, and then the jump at the wrong time is many
+//! times what the sensors leave of the rest of a row: a right model would be a misfit.
+//!
+//! w is that of the fit with different accelerations before and after t₀, whichever found t₀: the
+//! velocity filter has less noise, but is late or early by up to a sample. It is scaled down if
+//! that sample and the filter's own noise are less.
+
+use super::reversals::{Reversal, velocity_weights};
+use super::weak_form::WeakForm;
+use crate::model::MAX_JOINTS;
+use crate::rows::passes::{Terms, terms};
+use crate::rows::theta_polynomial::MAX_ORDER;
+use crate::rows::trajectory::Trajectory;
+
+/// Largest standard deviation of an instant, as a share of half the velocity filter's length.
+const LARGEST: f64 = 0.5;
+/// Largest error of the filtered velocity's zero because of the jump of the acceleration, in
+/// samples.
+const LATE: f64 = 1.0;
+/// Velocities on either side of a reversal, as a share of the change within a sample.
+const EITHER_SIDE: f64 = 1e-6;
+
+/// The reversals of a block, and how their instants depend on the positions.
+#[derive(Debug, Clone)]
+pub(super) struct ReversalErrors {
+    found: Vec<Reversal>,
+    /// w of each reversal in turn, over the velocity filter around `at`.
+    weights: Vec<f64>,
+    half: usize,
+    /// Most reversals; a cloned vector has no spare capacity.
+    room: usize,
+}
+
+/// Weights of a window on samples from `first` on, per derivative.
+pub(super) struct Placed<'a> {
+    pub kernels: &'a [Vec<f64>],
+    pub first: usize,
+}
+
+impl ReversalErrors {
+    /// Room for blocks of at most `capacity` samples.
+    pub fn new(form: &WeakForm, capacity: usize) -> Self {
+        let half = form.velocity.half;
+        let count = form.plant.joints() * (capacity / half.max(1) + 1);
+        Self {
+            found: Vec::with_capacity(count),
+            weights: vec![0.0; count * (2 * half + 1)],
+            half,
+            room: count,
+        }
+    }
+
+    /// Number of reversals for which there is room.
+    pub fn room(&self) -> usize {
+        self.room
+    }
+
+    /// Forgets all.
+    pub fn clear(&mut self) {
+        self.found.clear();
+    }
+
+    /// Takes a reversal of a joint whose positions have the standard deviation `noise`. One within
+    /// the velocity filter of the last is the same: the sign of a small velocity is that of noise.
+    pub fn note(&mut self, form: &WeakForm, reversal: Reversal, noise: f64) {
+        let near = |other: &Reversal| other.joint == reversal.joint && reversal.at < other.at + self.half;
+        if self.found.len() == self.room || self.found.last().is_some_and(near) {
+            return;
+        }
+        let (count, acceleration) = (2 * self.half + 1, reversal.slope * form.options.sample_period_s);
+        let own = &mut self.weights[self.found.len() * count..][..count];
+        own.fill(0.0);
+        let late = reversal.instant - reversal.at as f64;
+        velocity_weights(self.half, late, |k, weight| own[k] = -weight / acceleration); // (1)
+        let std = noise * own.iter().map(|w| w * w).sum::<f64>().sqrt();
+        let filtered = noise * form.velocity.gain / acceleration.abs();
+        let shrink = (filtered.hypot(LATE).min(LARGEST * self.half as f64) / std).min(1.0);
+        own.iter_mut().for_each(|w| *w *= shrink);
+        self.found.push(reversal);
+    }
+
+    /// g_d⁻ − g_d⁺ of an equation at θ, for each reversal.
+    pub fn jumps(&self, form: &WeakForm, signals: &Trajectory, e: usize, theta: &[f64], out: &mut Vec<Terms>) {
+        out.clear();
+        for reversal in &self.found {
+            let (mut q, mut dq) = ([0.0; MAX_JOINTS], [0.0; MAX_JOINTS]);
+            for joint in 0..signals.joints() {
+                (q[joint], dq[joint]) = (signals.q[joint][reversal.at], signals.dq[joint][reversal.at]);
+            }
+            let mut at = |share: f64| {
+                dq[reversal.joint] = share * reversal.slope;
+                terms(&*form.plant, e, &q, &dq, theta)
+            };
+            let (before, after): (Terms, Terms) = (at(-EITHER_SIDE), at(EITHER_SIDE));
+            out.push(std::array::from_fn(|d| before[d] - after[d]));
+        }
+    }
+
+    /// Adds (2) to c of a window: per joint, that of `support` positions from `first` on.
+    pub fn add(&self, jumps: &[Terms], window: &Placed<'_>, c: &mut [f64], (support, first): (usize, usize)) {
+        let end = window.first + window.kernels[0].len();
+        for (n, (reversal, jump)) in self.found.iter().zip(jumps).enumerate() {
+            let before = reversal.instant.floor();
+            let late = reversal.instant - before;
+            let before = before as usize;
+            if before < window.first || before + 1 >= end {
+                continue;
+            }
+            let moved: f64 = (0..=MAX_ORDER.min(window.kernels.len() - 1))
+                .map(|d| {
+                    let around = &window.kernels[d][before - window.first..];
+                    jump[d] * ((1.0 - late) * around[0] + late * around[1])
+                })
+                .sum();
+            if !(moved.is_finite() && moved != 0.0) {
+                continue;
+            }
+            let weights = self.weights.chunks_exact(2 * self.half + 1).nth(n).unwrap_or_default();
+            let own = &mut c[reversal.joint * support..(reversal.joint + 1) * support];
+            for (weight, at) in weights.iter().zip(reversal.at - self.half..) {
+                if let Some(c) = at.checked_sub(first).and_then(|at| own.get_mut(at)) {
+                    *c += moved * weight;
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::measured::MeasuredBlock;
+    use super::super::options::ProjectedOptions;
+    use super::super::projection::Projection;
+    use super::super::sensor_noise::SensorNoise;
+    use crate::estimator::Residuals;
+    use crate::model::{Equation, JointSample, MAX_JOINTS, Parameter, Plant, Scalar};
+    use crate::random::Random;
+    use std::f64::consts::TAU;
+    use std::sync::Arc;
+
+    const BLOCK: usize = 1000;
+    const BLOCKS: usize = 12;
+    const THETA: [f64; 2] = [8.0, 12.0];
+    const COUNT: f64 = 1e-5;
+    const INPUT_NOISE: f64 = 0.2;
+
+    /// m q̈ + F sign q̇ = u.
+    struct Slide([Parameter; 2], [Equation; 1]);
+
+    impl Plant for Slide {
+        fn name(&self) -> &str {
+            "slide"
+        }
+
+        fn joints(&self) -> usize {
+            1
+        }
+
+        fn input_unit(&self) -> &str {
+            "N"
+        }
+
+        fn parameters(&self) -> &[Parameter] {
+            &self.0
+        }
+
+        fn equations(&self) -> &[Equation] {
+            &self.1
+        }
+
+        fn terms<D: Scalar>(&self, _: usize, _: &[D], dq: &[D], theta: &[D], g: &mut [D]) {
+            g[0] = theta[1] * dq[0].signum();
+            g[1] = theta[0] * dq[0];
+        }
+    }
+
+    /// Mean square of the whitened residuals at the true θ of a slide that swings by this many m,
+    /// and the largest residual at the end of a block.
+    fn mean_square(amplitude: f64) -> (f64, f64) {
+        let mut noise = SensorNoise::NONE;
+        noise.position_resolution = [COUNT; MAX_JOINTS];
+        noise.input_noise = [INPUT_NOISE; MAX_JOINTS];
+        let parameters = [("m", 1.0), ("F", 1.0)].map(|(name, start)| Parameter::positive(name, "1", "", start));
+        let plant = Slide(parameters, [Equation::new("slide", 0, 1.0, 1, 0..2)]);
+        let options = ProjectedOptions {
+            noise,
+            ..ProjectedOptions::recommended()
+        };
+        let mut rows = Projection::new(MeasuredBlock::new(Arc::new(plant), options, BLOCK).unwrap());
+        let (mut random, h) = (Random(3), options.sample_period_s);
+        let tones = [(amplitude, TAU * 0.71), (0.3 * amplitude, TAU * 1.9)];
+        let position = |t: f64| tones.map(|(size, w)| size * (w * t).sin()).iter().sum::<f64>();
+        let velocity = |t: f64| tones.map(|(size, w)| size * w * (w * t).cos()).iter().sum::<f64>();
+        let (mut sum, mut end) = (0.0, 0.0f64);
+        for k in 0..BLOCKS * BLOCK {
+            let t = k as f64 * h;
+            // means over the cell, because the input is held
+            let acceleration = (velocity(t + h) - velocity(t)) / h;
+            let sign: f64 = (0..50)
+                .map(|n| velocity(t + h * (f64::from(n) + 0.5) / 50.0).signum() / 50.0)
+                .sum();
+            let gauss = (0..12).map(|_| random.uniform()).sum::<f64>() - 6.0;
+            let mut sample = JointSample::default();
+            sample.q[0] = (position(t) / COUNT).round() * COUNT;
+            sample.input[0] = THETA[0] * acceleration + THETA[1] * sign + INPUT_NOISE * gauss;
+            assert!(rows.block.push(k as u64 * 1_000_000, &sample));
+            if (k + 1) % BLOCK == 0 {
+                rows.project();
+                rows.weigh(&THETA);
+                sum += rows.mean_square(&THETA) / BLOCKS as f64;
+                let tail = (0..4).filter_map(|k| rows.tail(0, k, &THETA));
+                end = tail.fold(end, |end, residual| end.max(residual.abs()));
+                rows.clear();
+            }
+        }
+        (sum, end)
+    }
+
+    /// 31 without the noise of the instants, whose standard deviation is up to a sample here.
+    #[test]
+    fn prop_residuals_about_reversals_whose_instants_are_uncertain_have_variance_one() {
+        for amplitude in [0.02, 0.1, 0.5] {
+            let (rows, end) = mean_square(amplitude);
+            assert!((0.6..1.3).contains(&rows) && end < 4.5, "{amplitude}: {rows} {end}");
+        }
+    }
+}

@@ -9,10 +9,12 @@
 //! | B | input | it was constant for M samples, changed with every sample before, is not at its largest magnitude (a drive at its limit), and the position has moved by 5 % of its range |
 //! | C | both | both were constant for 5 M samples, and the input changed with every sample before |
 //! | D | position | four in five of its last steps of three counts or more follow a sample in which it stood still |
-//! | E | input | it has been constant since the start of the stream, and the position has turned round four times, each time after more than half its range so far |
+//! | E | input | it has been constant since the start of the stream, and the position has turned round four times, each time after more than half its range so far; not if it is 0 and other joints have inputs |
 //!
 //! No machine moves as in rule D: the position is read less often than it is reported. Its errors
-//! then are the same for some samples, and look like the motion of another machine.
+//! then are the same for some samples, and look like the motion of another machine. A joint whose
+//! input is always 0 beside joints that are driven may be a passive one, such as the pole on a cart
+//! or the load of a crane.
 //!
 //! A joint held by friction against a growing input also satisfies rule A, and a pendulum that
 //! swings with its drive off from the start rule E, though such data show no parameter. Therefore M
@@ -202,10 +204,11 @@ impl FreezeWatch {
             return false;
         }
         let mut frozen = false;
+        let is_driven = self.joints[..joints].iter().any(|joint| joint.peak > 0.0);
         for (index, joint) in self.joints[..joints].iter_mut().enumerate() {
             let u = if driven { sample.input[index] } else { 0.0 };
             let speed = if measured { sample.dq[index].abs() } else { 0.0 };
-            frozen |= joint.check(sample.q[index], u, speed * self.period_s, self.patience);
+            frozen |= joint.check(sample.q[index], u, speed * self.period_s, self.patience, is_driven);
         }
         frozen
     }
@@ -213,9 +216,10 @@ impl FreezeWatch {
 
 impl Joint {
     /// True if the position or the input is frozen; `step` is the distance that the joint covers in
-    /// a period according to its measured velocity.
+    /// a period according to its measured velocity, `is_driven` is true if any joint has had an
+    /// input.
     #[inline]
-    fn check(&mut self, q: f64, u: f64, step: f64, patience: u64) -> bool {
+    fn check(&mut self, q: f64, u: f64, step: f64, patience: u64, is_driven: bool) -> bool {
         if !self.seen {
             *self = Self {
                 seen: true,
@@ -274,6 +278,7 @@ impl Joint {
         let rule_a = self.driven >= patience;
         let rule_b = self.u_run >= patience && was_lively && !at_limit && moved;
         let rule_c = was_lively && self.u_run.min(self.q_run) >= FreezeWatch::STILL * patience;
+        rule_e &= self.peak > 0.0 || !is_driven;
         let rule_d = self.steps >= FreezeWatch::FEWEST && self.leaps > FreezeWatch::LEAPS;
         rule_a || rule_b || rule_c || rule_d || rule_e
     }
@@ -404,6 +409,21 @@ mod tests {
             }
         });
         assert_eq!(signed.first(), None);
+    }
+
+    #[test]
+    fn fault_an_input_of_zero_is_frozen_unless_another_joint_is_driven() {
+        for (other, input, expected) in [(1.0, 0.0, false), (0.0, 0.0, true), (1.0, 2.0, true)] {
+            let mut watch = FreezeWatch::new(M, 1e-3);
+            let frozen = (0..20_000_u64).any(|k| {
+                let swing = (k as f64 * 5e-3).sin();
+                let mut sample = JointSample::default();
+                sample.q[..2].copy_from_slice(&[swing, swing]);
+                sample.input[..2].copy_from_slice(&[other * swing, input]);
+                watch.check(&sample, 2, false, true)
+            });
+            assert_eq!(frozen, expected, "{other} {input}");
+        }
     }
 
     #[test]

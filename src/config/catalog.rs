@@ -4,7 +4,7 @@ use super::check::{Check, joints};
 use super::schema::{FileForm, RowsKind};
 use crate::model::{
     Delayed, ExtendedDerived, ExtendedManipulator, ExtraTerms, KnownConstants, Manipulator, ManipulatorDerived, Plant,
-    ServoAxis,
+    ServoAxis, usual_delay_limit_s,
 };
 use crate::node::model::{PlantModel, SharedModel};
 
@@ -225,13 +225,11 @@ where
     }
 }
 
-/// Start and limit of a delay to be identified \[s\]. Records are often one sample off. A wider
-/// limit lets noise choose the delay in the first blocks, if the motion hardly shows it; what is
-/// learnt there is far too certain, because the rows are not linear in it.
+/// Start and limit of a delay to be identified \[s\].
 fn delay(form: &FileForm) -> Option<(f64, f64)> {
     let section = &form.projected;
     let wanted = form.identifier.rows == RowsKind::Projected && section.estimate_input_delay;
     let start_s = section.input_delay_s;
-    let usual_s = || start_s.abs() + (2.0 * form.plant.sample_period_s).max(1e-3);
+    let usual_s = || usual_delay_limit_s(start_s, form.plant.sample_period_s);
     wanted.then(|| (start_s, section.input_delay_limit_s.unwrap_or_else(usual_s)))
 }

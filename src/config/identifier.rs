@@ -39,10 +39,10 @@ fn gains(name: &str, list: &[f64], joints: usize, check: &mut Check<'_>) -> Opti
     Some(gains)
 }
 
-/// The considered errors. Positions along a line have no period of one turn.
-fn considered(form: &FileForm, linear: bool) -> Considered {
+/// The considered errors.
+fn considered(form: &FileForm) -> Considered {
     let section = &form.considered;
-    let all = Considered {
+    Considered {
         input_delay_s: section.input_delay_s,
         gain: section.gain,
         coulomb: section.coulomb,
@@ -59,9 +59,8 @@ fn considered(form: &FileForm, linear: bool) -> Considered {
         resonance_hz: section.resonance_hz,
         drift_per_s: section.drift_per_s,
         zero_rad: section.zero_rad,
-        eccentricity_rad: Some(section.eccentricity_rad),
-    };
-    if linear { all.without_turns() } else { all }
+        eccentricity_rad: section.eccentricity_rad,
+    }
 }
 
 /// Samples on either side of the velocity filter. Its duration matters: with the same number of
@@ -112,7 +111,7 @@ pub(super) fn decide_on_noise(form: &mut FileForm, check: &mut Check<'_>) {
 }
 
 /// The options of projected rows; `None` with a problem if they contradict each other.
-fn projected(form: &FileForm, linear: bool, joints: usize, check: &mut Check<'_>) -> Option<ProjectedOptions> {
+fn projected(form: &FileForm, joints: usize, check: &mut Check<'_>) -> Option<ProjectedOptions> {
     let section = &form.projected;
     let mut level = |name: &str, list: &Option<Vec<f64>>| {
         let key = format!("identifier.projected.{name}");
@@ -136,7 +135,7 @@ fn projected(form: &FileForm, linear: bool, joints: usize, check: &mut Check<'_>
         input_delay_s: section.input_delay_s,
         noise,
         learn_noise: section.learn_noise.unwrap_or(true),
-        considered: considered(form, linear),
+        considered: considered(form),
     };
     let checked = match section.window_s {
         RealOr::Real(_) => options,
@@ -185,7 +184,6 @@ pub(super) fn identifier(
     model: Option<&SharedModel>,
     check: &mut Check<'_>,
 ) -> Option<IdentifierConfig> {
-    let linear = model.is_some_and(|model| model.definition().position_unit == "m");
     let joints = model.map_or(0, |model| model.definition().joints);
     let rows = match form.identifier.rows {
         RowsKind::Projected if form.identifier.input == InputKind::Controller => {
@@ -193,7 +191,7 @@ pub(super) fn identifier(
             check.wrong(check.culprit(&["identifier.input", "identifier.rows"]), message);
             return None;
         }
-        RowsKind::Projected => RowForm::Projected(projected(form, linear, joints, check)?),
+        RowsKind::Projected => RowForm::Projected(projected(form, joints, check)?),
         RowsKind::Pointwise => RowForm::Pointwise,
     };
     let input = match form.identifier.input {

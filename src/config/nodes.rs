@@ -19,10 +19,9 @@ impl Config {
             estimator: self.estimator.options.clone(),
             options: IdentifierOptions {
                 config_hash: self.config_hash(),
-                sample_period_ns: nanoseconds(period_s),
                 input_limit: self.identifier.input_limit,
-                frozen_after: (self.identifier.frozen_after_s / period_s).round() as u64,
                 ..IdentifierOptions::new(self.estimator.block_len as u64, 0, 0)
+                    .with_times(period_s, self.identifier.frozen_after_s)
             },
             pid: std::process::id(),
         })
@@ -32,8 +31,10 @@ impl Config {
     pub fn description(&self) -> Description {
         let model = self.model.definition();
         let priors = &self.estimator.options.parameters;
-        let joints = (1..=model.joints)
-            .map(|joint| JointInfo::new(&format!("joint_{joint}"), &model.position_unit, &model.input_unit));
+        let joints = (0..model.joints).map(|joint| {
+            let name = format!("joint_{}", joint + 1);
+            JointInfo::new(&name, model.joint_unit(joint), &model.input_unit)
+        });
         let parameters = model.parameters.iter().zip(priors).map(|(p, prior)| {
             let bounds = (prior.lower, prior.upper);
             ParameterInfo::new(&p.name, &p.unit, &p.meaning, prior.start, bounds)

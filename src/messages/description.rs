@@ -154,6 +154,15 @@ impl Description {
         text_of(&self.input_kind)
     }
 
+    /// The unit of positions where there is one for all joints: rad if any joint turns.
+    pub fn position_unit(&self) -> &str {
+        let units = || self.joints().iter().map(JointInfo::position_unit);
+        units()
+            .find(|unit| *unit == "rad")
+            .or_else(|| units().next())
+            .unwrap_or("")
+    }
+
     /// The joints.
     pub fn joints(&self) -> &[JointInfo] {
         &self.joint[..(self.joints as usize).min(MAX_JOINTS)]

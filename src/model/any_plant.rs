@@ -12,6 +12,8 @@ use std::sync::Arc;
 pub trait AnyPlant {
     /// [`Plant::joints`].
     fn joints(&self) -> usize;
+    /// [`Plant::turns`].
+    fn turns(&self, joint: usize) -> bool;
     /// [`Plant::input_unit`].
     fn input_unit(&self) -> &str;
     /// [`Plant::parameters`].
@@ -38,6 +40,10 @@ pub trait AnyPlant {
 impl<P: Plant> AnyPlant for P {
     fn joints(&self) -> usize {
         Plant::joints(self)
+    }
+
+    fn turns(&self, joint: usize) -> bool {
+        Plant::turns(self, joint)
     }
 
     fn input_unit(&self) -> &str {

@@ -11,6 +11,14 @@
 
 use super::{DerivedQuantity, Equation, Parameter, Plant, Scalar};
 
+/// The limit of a delay to be estimated \[s\], if none is stated: two sample periods, and at least
+/// 1 ms, beyond its start. Records are often one sample off. A wider limit lets noise choose the
+/// delay in the first blocks, if the motion hardly shows it; what is learnt there is far too
+/// certain, because the rows are not linear in it.
+pub fn usual_delay_limit_s(start_s: f64, sample_period_s: f64) -> f64 {
+    start_s.abs() + (2.0 * sample_period_s).max(1e-3)
+}
+
 /// A plant whose input acts with an unknown delay, its last parameter.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Delayed<P> {
@@ -59,6 +67,10 @@ impl<P: Plant> Plant for Delayed<P> {
 
     fn position_unit(&self) -> &str {
         self.plant.position_unit()
+    }
+
+    fn turns(&self, joint: usize) -> bool {
+        self.plant.turns(joint)
     }
 
     fn parameters(&self) -> &[Parameter] {

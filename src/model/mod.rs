@@ -27,7 +27,7 @@ mod servo_axis;
 
 pub use any_plant::{AnyPlant, Number, SharedPlant};
 pub use controller::PdController;
-pub use delayed::Delayed;
+pub use delayed::{Delayed, usual_delay_limit_s};
 pub use derived::PlantDerived;
 pub use error::DefinitionError;
 pub use extended_manipulator::{ExtendedManipulator, ExtraTerms};
@@ -45,6 +45,8 @@ use std::ops::Range;
 pub const MAX_JOINTS: usize = 8;
 /// Largest number of parameters of an estimate, and so of a plant.
 pub const MAX_PARAMS: usize = 128;
+/// Shortest and longest time between two samples \[s\].
+pub const SAMPLE_PERIODS_S: (f64, f64) = (1e-5, 1.0);
 
 /// The number types in which a plant's equations are evaluated: `f64`, dual numbers, truncated
 /// series in time.
@@ -188,6 +190,8 @@ pub struct PlantDefinition {
     pub input_unit: String,
     /// See [`Plant::position_unit`].
     pub position_unit: String,
+    /// See [`Plant::turns`], joint by joint.
+    pub turns: Vec<bool>,
     /// See [`Plant::parameters`].
     pub parameters: Vec<Parameter>,
     /// See [`Plant::equations`].
@@ -206,10 +210,19 @@ impl PlantDefinition {
             joints: plant.joints(),
             input_unit: plant.input_unit().to_owned(),
             position_unit: plant.position_unit().to_owned(),
+            turns: (0..plant.joints()).map(|joint| plant.turns(joint)).collect(),
             parameters: plant.parameters().to_vec(),
             equations: plant.equations().to_vec(),
             relations: plant.relations().to_vec(),
             derived: plant.derived().to_vec(),
+        }
+    }
+
+    /// Unit of a joint's position: rad if it turns, m if not.
+    pub fn joint_unit(&self, joint: usize) -> &str {
+        match self.turns.get(joint) {
+            Some(turns) if self.turns.contains(&!turns) => ["m", "rad"][usize::from(*turns)],
+            _ => &self.position_unit,
         }
     }
 
@@ -327,6 +340,13 @@ pub trait Plant {
     /// Unit of the positions q, for tables and `describe`: `"rad"`, the default, or `"m"`.
     fn position_unit(&self) -> &str {
         "rad"
+    }
+    /// True if joint `joint`, counted from 0, turns; false for a slide, whose position has no error
+    /// of one period per turn and no zero of an angle. By default, as `position_unit` says for all
+    /// joints: a machine with slides and hinges says it for each.
+    fn turns(&self, joint: usize) -> bool {
+        let _ = joint;
+        self.position_unit() == "rad"
     }
     /// The parameters θ, at most [`MAX_PARAMS`].
     fn parameters(&self) -> &[Parameter];

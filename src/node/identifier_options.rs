@@ -1,6 +1,11 @@
 //! Options of the identifier node, besides its rows and its estimator.
 
+use crate::messages::nanoseconds;
 use crate::model::MAX_JOINTS;
+
+/// A signal that repeats for fewer samples than this is not frozen, however long they take: a slow
+/// encoder repeats for some samples at every turning point.
+const FEWEST_FROZEN: u64 = 20;
 
 /// Options of the identifier node, besides its rows and its estimator.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -37,6 +42,22 @@ impl IdentifierOptions {
             sample_period_ns: 0,
             input_limit: [f64::INFINITY; MAX_JOINTS],
             frozen_after: 0,
+        }
+    }
+
+    /// With samples this far apart \[s\], and signals that count as frozen after a time \[s\], but
+    /// not before [`FEWEST_FROZEN`] samples; a time of 0 turns the detection off.
+    #[must_use]
+    pub fn with_times(self, sample_period_s: f64, frozen_after_s: f64) -> Self {
+        let patience = (frozen_after_s / sample_period_s).round() as u64;
+        Self {
+            sample_period_ns: nanoseconds(sample_period_s),
+            frozen_after: if frozen_after_s > 0.0 {
+                patience.max(FEWEST_FROZEN)
+            } else {
+                0
+            },
+            ..self
         }
     }
 }

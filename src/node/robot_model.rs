@@ -96,6 +96,7 @@ impl RobotPlant {
             joints: robot.len(),
             input_unit: input_unit.to_owned(),
             position_unit: position_unit.to_owned(),
+            turns: robot.joints.iter().map(|joint| joint.turns).collect(),
             equations: equations.collect(),
             parameters,
             relations: Vec::new(),

@@ -158,7 +158,7 @@ pub fn described(robot: &str, description: &Description) -> RunInfo {
         model_hash: description.model_hash,
         config_hash: description.config_hash,
         joints: joints.len(),
-        position_unit: unit(crate::messages::JointInfo::position_unit),
+        position_unit: description.position_unit().to_owned(),
         input_unit: unit(crate::messages::JointInfo::input_unit),
         equations: (1..=equations).map(|number| format!("{stem}_{number}")).collect(),
         parameters: description

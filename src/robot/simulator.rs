@@ -22,7 +22,7 @@ use super::model::RobotModel;
 use super::reference::{MotionLimits, Motions, Reference};
 use super::spatial::{BodyParameters, Placement};
 use super::tree::Robot;
-use crate::model::{JointSample, MAX_JOINTS};
+use crate::model::{JointSample, MAX_JOINTS, SAMPLE_PERIODS_S};
 use crate::random::Random;
 
 /// Torque of a joint without a limit \[N m or N\], for values derived from it.
@@ -108,7 +108,7 @@ impl PayloadChange {
 /// Options of the simulation. The same options give the same samples, bit for bit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RobotSimOptions {
-    /// Time from one sample to the next \[s\], 1e-5 to 0.1.
+    /// Time from one sample to the next \[s\], 1e-5 to 1.
     pub sample_period_s: f64,
     /// Periods of the controller per sample, 1 to 1000.
     pub control_steps: usize,
@@ -177,7 +177,12 @@ impl RobotSimOptions {
             true => Ok(()),
             false => Err(RobotSimError::Range { name, low, high, got }),
         };
-        within("sample_period_s", self.sample_period_s, 1e-5, 0.1)?;
+        within(
+            "sample_period_s",
+            self.sample_period_s,
+            SAMPLE_PERIODS_S.0,
+            SAMPLE_PERIODS_S.1,
+        )?;
         within("control_steps", self.control_steps as f64, 1.0, 1000.0)?;
         within("substeps", self.substeps as f64, 1.0, 1000.0)?;
         within("bandwidth_rad_per_s", self.bandwidth_rad_per_s, 1e-3, 1e4)?;

@@ -1,7 +1,7 @@
 //! Projected rows whose window length is chosen from the signals and reviewed regularly.
 //!
 //! ```text
-//! T_c = T₀, T₀/2, T₀/4, … ≥ max(25 ms, 20 h)        T₀ = max(200 ms, 20 h), strides min(T_c/5, the configured one)
+//! T_c = T₀, T₀/2, T₀/4, … ≥ max(25 ms, 20 h), ≤ 2000 h    T₀ = 200 ms, or 160 h if 20 h is more than that
 //! T   = the T_c that is nearest to 1.3/f_b by its ratio, f_b the bandwidth of the fastest joint (`advice.rs`)
 //! ```
 //!
@@ -11,8 +11,11 @@
 //! row advise takes over at the border of a block. Its first windows begin there, because rows of
 //! different lengths cannot be mixed. With a single length this is simply that block of rows.
 //!
-//! 20 samples in a window resolve its bump; windows longer than 200 ms hardly add information if
-//! the stride is short (docs/method.md, section 16a).
+//! Strides are min(T_c/5, the configured one). 20 samples in a window resolve its bump; windows
+//! longer than 200 ms hardly add information if the stride is short (docs/method.md, section 16a).
+//! A machine that is sampled at less than 100 Hz is slow, and so is its motion: windows, strides
+//! and the velocity filter then grow with it. A short filter leaves noise σ in the velocity v,
+//! which a term v³ shows as v³ + 3 σ² v on average, whatever the number of samples.
 
 use super::advice::{FEWEST_WINDOW_SAMPLES, Spectrum};
 use super::projected::{ProjectedBlock, ProjectedError, ProjectedOptions};
@@ -25,6 +28,13 @@ use std::sync::Arc;
 /// Longest and shortest window \[s\], if the sample period permits.
 const LONGEST_S: f64 = 0.2;
 const SHORTEST_S: f64 = 0.025;
+/// The most samples in a window.
+const MOST_WINDOW_SAMPLES: f64 = 2000.0;
+/// The longest length over the shortest, if 20 samples are longer than [`LONGEST_S`].
+const LONGER: f64 = 8.0;
+/// Least half width of the velocity filter there, a quarter of 20 samples: a time such as 8 ms is
+/// less than a sample.
+const SLOW_HALF_WIDTH: usize = 5;
 /// Initial length, until something moves \[s\].
 const FIRST_S: f64 = 0.1;
 /// Blocks from one review to the next.
@@ -53,14 +63,22 @@ pub struct AutoWindowBlock {
 
 impl ProjectedOptions {
     /// The same options for another window length, with stride and velocity filter limited to suit
-    /// it.
+    /// it. If 20 samples are longer than 200 ms, both are those of a window of 20 samples, and grow
+    /// with the window.
     #[must_use]
     pub fn with_window(&self, window_s: f64) -> Self {
-        let quarter = (0.25 * window_s / self.sample_period_s) as usize;
+        let period_s = self.sample_period_s;
+        let quarter = (0.25 * window_s / period_s) as usize;
+        let shortest_s = FEWEST_WINDOW_SAMPLES * period_s;
+        let (times, least) = match shortest_s > LONGEST_S {
+            true => ((window_s / shortest_s).max(1.0), SLOW_HALF_WIDTH),
+            false => (1.0, 0),
+        };
+        let half_width = times * self.velocity_half_width.max(least) as f64;
         Self {
             window_s,
-            stride_s: self.stride_s.min(0.2 * window_s).max(self.sample_period_s),
-            velocity_half_width: self.velocity_half_width.min(quarter.max(3)),
+            stride_s: (times * self.stride_s.max(period_s)).min(0.2 * window_s).max(period_s),
+            velocity_half_width: (half_width.round() as usize).min(quarter.max(3)),
             ..*self
         }
     }
@@ -69,8 +87,11 @@ impl ProjectedOptions {
 /// The lengths from which [`AutoWindowBlock::chosen`] chooses at a sample period \[s\], longest
 /// first; at least one.
 pub fn auto_window_lengths(sample_period_s: f64) -> impl Iterator<Item = f64> {
-    let shortest = SHORTEST_S.max(FEWEST_WINDOW_SAMPLES * sample_period_s);
-    let longest = LONGEST_S.max(FEWEST_WINDOW_SAMPLES * sample_period_s);
+    let fewest = FEWEST_WINDOW_SAMPLES * sample_period_s;
+    let wanted = if fewest > LONGEST_S { LONGER * fewest } else { LONGEST_S };
+    let halvings = (wanted / (MOST_WINDOW_SAMPLES * sample_period_s) - 1e-9).log2().ceil();
+    let longest = wanted * (-halvings.max(0.0)).exp2();
+    let shortest = SHORTEST_S.max(fewest).min(longest);
     std::iter::successors(Some(longest), |length| Some(0.5 * length))
         .take_while(move |length| *length >= shortest * (1.0 - 1e-9))
 }
@@ -340,11 +361,15 @@ mod tests {
     #[test]
     fn prop_lengths_resolve_their_bump_at_every_sample_rate() {
         for (period_s, expected) in [
-            (0.5e-3, &[0.2, 0.1, 0.05, 0.025][..]),
+            (1e-5, &[0.0125][..]),
+            (5e-5, &[0.1, 0.05, 0.025]),
+            (1e-4, &[0.2, 0.1, 0.05, 0.025]),
+            (0.5e-3, &[0.2, 0.1, 0.05, 0.025]),
             (1e-3, &[0.2, 0.1, 0.05, 0.025]),
             (2e-3, &[0.2, 0.1, 0.05]),
             (0.01, &[0.2]),
-            (0.02, &[0.4]),
+            (0.02, &[3.2, 1.6, 0.8, 0.4]),
+            (0.1, &[16.0, 8.0, 4.0, 2.0]),
         ] {
             assert_eq!(
                 auto_window_lengths(period_s).collect::<Vec<_>>(),
@@ -360,7 +385,11 @@ mod tests {
                 let own = options.with_window(window_s);
                 own.validate().unwrap();
                 assert!(own.window_s / period_s > FEWEST_WINDOW_SAMPLES - 1e-6);
-                assert!(own.stride_s <= 0.02 + 1e-12, "{period_s} {window_s}: {}", own.stride_s);
+                if period_s > 0.01 {
+                    assert_eq!(own.velocity_half_width, (0.25 * window_s / period_s).round() as usize);
+                }
+                let most = 0.02_f64.max(0.05 * window_s);
+                assert!(own.stride_s <= most + 1e-12, "{period_s} {window_s}: {}", own.stride_s);
             }
         }
     }

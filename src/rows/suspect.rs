@@ -58,8 +58,8 @@ pub struct Considered {
     /// which a tilted base causes, too.
     pub zero_rad: f64,
     /// Eccentricity of each encoder \[rad\], ≥ 0: the amplitude of an error of one period per turn.
-    /// `None` if joints move along lines.
-    pub eccentricity_rad: Option<f64>,
+    /// This and the zero are considered only at joints that turn.
+    pub eccentricity_rad: f64,
 }
 
 impl Considered {
@@ -81,7 +81,7 @@ impl Considered {
         resonance_hz: 0.0,
         drift_per_s: 0.0,
         zero_rad: 0.0,
-        eccentricity_rad: Some(0.0),
+        eccentricity_rad: 0.0,
     };
 
     /// Standard deviation of the delay for samples a period \[s\] apart. By mistake, inputs are
@@ -89,16 +89,6 @@ impl Considered {
     /// for example. A shorter delay is that of the drive, which does not depend on the period.
     pub fn input_delay_std_s(&self, sample_period_s: f64) -> f64 {
         self.input_delay_s.unwrap_or((0.25 * sample_period_s).max(5e-5))
-    }
-
-    /// The same for joints that move along lines, whose sensors have no turns.
-    #[must_use]
-    pub fn without_turns(self) -> Self {
-        Self {
-            zero_rad: 0.0,
-            eccentricity_rad: None,
-            ..self
-        }
     }
 }
 
@@ -130,7 +120,7 @@ impl Default for Considered {
             resonance_hz: 70.0,
             drift_per_s: 1e-4,
             zero_rad: 1e-3,
-            eccentricity_rad: Some(5e-5),
+            eccentricity_rad: 5e-5,
         }
     }
 }

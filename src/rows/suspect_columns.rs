@@ -101,8 +101,7 @@ impl SuspectColumns {
         rows: usize,
         capacity: usize,
     ) -> Self {
-        let turns = considered.eccentricity_rad.is_some();
-        let effects = SuspectEffects::of(plant, turns);
+        let effects = SuspectEffects::of(plant);
         let equations = effects.places.inputs.len();
         let column = |e: usize, suspect: usize| match effects.have_column(e, suspect, &moves, &depends_on_place) {
             true => vec![0.0; rows],
@@ -131,7 +130,7 @@ impl SuspectColumns {
             frictions: jumps.iter().map(|&jumps| [room(true), room(jumps)]).collect(),
             turns: (0..plant.joints())
                 .map(|j| {
-                    let turns = turns && effects.places.inputs.contains(&j);
+                    let turns = effects.turns[j] && effects.places.inputs.contains(&j);
                     [room(turns), room(turns), room(turns)]
                 })
                 .collect(),
@@ -427,7 +426,7 @@ mod tests {
     #[test]
     fn prop_a_zero_that_nothing_depends_on_has_no_column() {
         let considered = Considered {
-            eccentricity_rad: Some(0.0),
+            eccentricity_rad: 0.0,
             ..Considered::default()
         };
         // the arm's first joint turns about the vertical, so gravity does not depend on its

@@ -20,13 +20,13 @@ pub(super) struct SuspectEffects {
     pub has_spring: Vec<bool>,
     has_constant: Vec<bool>,
     has_input_delay: bool,
-    /// True if the joints turn.
-    turns: bool,
+    /// True if a joint turns, joint by joint: its encoder may be off its centre or its zero.
+    pub turns: Vec<bool>,
 }
 
 impl SuspectEffects {
-    /// Of a plant whose joints turn, or not.
-    pub fn of(plant: &dyn AnyPlant, turns: bool) -> Self {
+    /// Of a plant.
+    pub fn of(plant: &dyn AnyPlant) -> Self {
         let equations = plant.equations();
         let inputs: Vec<usize> = equations.iter().map(|e| e.input).collect();
         let all = || 0..equations.len();
@@ -35,7 +35,7 @@ impl SuspectEffects {
             has_spring: all().map(|e| has_term(plant, e, 0, |q, _| q[inputs[e]])).collect(),
             has_constant: all().map(|e| has_term(plant, e, 0, |_, _| 1.0)).collect(),
             has_input_delay: plant.input_delay().is_some(),
-            turns,
+            turns: (0..plant.joints()).map(|joint| plant.turns(joint)).collect(),
             places: SuspectPlaces {
                 jumps: all().map(|e| has_jump(plant, e, inputs[e])).collect(),
                 inputs,
@@ -76,9 +76,9 @@ impl SuspectEffects {
             _ if WITH_COULOMB.contains(&index) => of == e && self.places.jumps[e],
             CLOCK => false,
             SCALE => moves(e, inputs[of]) && is_first,
-            SINE | COSINE => self.turns && moves(e, inputs[of]) && is_first,
+            SINE | COSINE => self.turns[inputs[of]] && moves(e, inputs[of]) && is_first,
             // otherwise the column is only rounding, which would count as evidence
-            ZERO => self.turns && depends_on_place(e, inputs[of]) && is_first,
+            ZERO => self.turns[inputs[of]] && depends_on_place(e, inputs[of]) && is_first,
             _ => of == e,
         }
     }

@@ -101,7 +101,7 @@ impl SuspectSizes {
             SuspectKind::GainByDirection => self.considered.gain_by_direction,
             SuspectKind::LoadFriction => self.considered.load_friction,
             SuspectKind::ViscousByDirection => self.considered.viscous_by_direction * self.per_speed(suspect, size),
-            SuspectKind::Eccentricity => self.considered.eccentricity_rad.unwrap_or(0.0),
+            SuspectKind::Eccentricity => self.considered.eccentricity_rad,
             SuspectKind::Resonance if self.considered.resonance_hz > 0.0 => {
                 (TAU * self.considered.resonance_hz).powi(-2)
             }

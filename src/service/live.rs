@@ -46,7 +46,7 @@ pub(super) fn rename(state: &mut LiveState, description: &Description) {
     let about = About {
         model: description.model().to_owned(),
         joints: description.joints as usize,
-        position_unit: joint.map_or("", |joint| joint.position_unit()).to_owned(),
+        position_unit: description.position_unit().to_owned(),
         input_unit: joint.map_or("", |joint| joint.input_unit()).to_owned(),
         ..state.about().clone()
     };

@@ -10,7 +10,7 @@ use super::servo_axis_options::ServoAxisOptions;
 use super::setpoint::Setpoint;
 use super::unmodelled::Unmodelled;
 use crate::messages::signals;
-use crate::model::{MANIPULATOR_PARAMS, Manipulator, Plant};
+use crate::model::{MANIPULATOR_PARAMS, Manipulator, Plant, SAMPLE_PERIODS_S};
 
 /// Which machine is simulated.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -78,7 +78,7 @@ impl PlantMachine {
 /// adds samples.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SimOptions {
-    /// Δ \[s\], 1e-5 to 0.1.
+    /// Δ \[s\], 1e-5 to 1.
     pub sample_period_s: f64,
     /// Length \[s\], > 0: samples 0, 1, … below duration/Δ.
     pub duration_s: f64,
@@ -290,7 +290,12 @@ impl SimOptions {
     /// # Errors
     /// The first value out of range, with its name.
     pub fn validate(&self) -> Result<(), SimError> {
-        in_range("sample_period_s", self.sample_period_s, 1e-5, 0.1)?;
+        in_range(
+            "sample_period_s",
+            self.sample_period_s,
+            SAMPLE_PERIODS_S.0,
+            SAMPLE_PERIODS_S.1,
+        )?;
         positive("duration_s", self.duration_s)?;
         in_range(
             "duration_s",

@@ -79,7 +79,7 @@ fn masses(machine: &ServoAxisOptions, hertz: f64, encoder: Encoder, seed: u64) -
             input_noise: [0.05; MAX_JOINTS],
             ..SensorNoise::NONE
         },
-        considered: Considered::default().without_turns(),
+        considered: Considered::default(),
         ..ProjectedOptions::recommended()
     };
     let mut options = EstimatorOptions::recommended(priors(&axis()), 1);

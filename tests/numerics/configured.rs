@@ -238,7 +238,7 @@ fn ident_the_velocity_filter_keeps_its_time_at_every_sample_rate() {
 
 /// A driven pendulum, as a user would write it down.
 #[derive(Clone, Copy)]
-struct Pendulum;
+pub(crate) struct Pendulum;
 
 static PENDULUM: [Parameter; 3] = [
     Parameter::positive("inertia", "kg m^2", "about the axis", 1.0),
@@ -278,7 +278,7 @@ fn swing(state: [f64; 2], torque: f64, period_s: f64) -> [f64; 2] {
 }
 
 /// This pendulum with an encoder of `bits` and `noise` on the measured torque.
-fn pendulum(bits: i32, noise: f64, seed: u64, samples: u64) -> impl Iterator<Item = (u64, JointSample)> {
+pub(crate) fn pendulum(bits: i32, noise: f64, seed: u64, samples: u64) -> impl Iterator<Item = (u64, JointSample)> {
     let mut rng = crate::support::TestRng(seed);
     let phase = rng.between(0.0, TAU);
     let mut state = [0.3, 0.0];
@@ -369,6 +369,7 @@ fn prop_the_builder_makes_the_identifier_of_own_plant_toml() {
         estimator: config.estimator.options.clone(),
         options: IdentifierOptions {
             sample_period_ns: 1_000_000,
+            frozen_after: 200,
             ..IdentifierOptions::new(config.estimator.block_len as u64, 0, 0)
         },
         pid: std::process::id(),

@@ -26,6 +26,8 @@ mod estimator;
 mod estimator_study;
 #[cfg(feature = "config")]
 mod evidence;
+#[cfg(feature = "config")]
+mod facade;
 #[cfg(feature = "sim")]
 mod faults;
 #[cfg(feature = "sim")]

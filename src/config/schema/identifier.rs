@@ -47,7 +47,7 @@ table! {
             Kind::Reals(Len::From(1, 8), POSITIVE.or_infinite()), "V, A, N or N m",
             "Magnitude at which the measurement of the inputs ends, one number or one per joint: samples there are refused and counted as saturated; inf: no limit";
         frozen_after_s: f64 = 0.2, Kind::Real(Interval::closed(0.0, 3600.0)), "s",
-            "A position or input that stands still to the bit for so long although the other one says that it must move is frozen: its samples are refused, its block left out; 0: never";
+            "A position or input that stands still to the bit for so long, and at least 20 samples, although the other one says that it must move is frozen: its samples are refused, its block left out; 0: never";
     }
 }
 
@@ -55,7 +55,7 @@ table! {
     /// Section `[identifier.projected]`.
     Projected where rows = ProjectedOptions::recommended(); {
         window_s: RealOr<Automatic> = RealOr::Real(rows.window_s), real_or::<Automatic>(POSITIVE), "s",
-            "Length of a window, 8 to 2000 sample periods; about 1.3 periods of the fastest motion that matters. \"auto\": chosen from the first motion and reviewed, 25 to 200 ms and at least 20 sample periods; stride_s and velocity_half_width_s are upper limits then";
+            "Length of a window, 8 to 2000 sample periods; about 1.3 periods of the fastest motion that matters. \"auto\": chosen from the first motion and reviewed, 25 to 200 ms and at least 20 sample periods, below 100 Hz 20 to 160 sample periods; stride_s and velocity_half_width_s are upper limits then, but below 100 Hz they grow with the window";
         stride_s: f64 = rows.stride_s, Kind::Real(POSITIVE), "s",
             "Time from a window to the next; a fifth of the window loses little, more than 0.02 s loses much";
         velocity_half_width_s: f64 = rows.velocity_half_width as f64 * rows.sample_period_s, Kind::Real(POSITIVE), "s",
@@ -116,7 +116,7 @@ table! {
             "Rate of change of each parameter, relative to the parameter: how far the estimate may lag behind a machine that warms up";
         zero_rad: f64 = considered.zero_rad, Kind::Real(NOT_NEGATIVE), "rad",
             "Error of each encoder's zero, or of gravity's direction; without effect on an axis that moves along a line";
-        eccentricity_rad: f64 = considered.eccentricity_rad.unwrap_or(0.0), Kind::Real(NOT_NEGATIVE), "rad",
+        eccentricity_rad: f64 = considered.eccentricity_rad, Kind::Real(NOT_NEGATIVE), "rad",
             "Amplitude of an encoder error of one period per turn; 1e-4 is 20 arc seconds; without effect on an axis that moves along a line";
     }
 }

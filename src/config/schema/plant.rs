@@ -6,6 +6,7 @@ use super::faults::{self, FaultForm};
 use super::table::{
     FINITE, LIST, LONGEST_S, NOT_NEGATIVE, POSITIVE, RealOr, choice, joints, model_joints, parameters, real_or, table,
 };
+use crate::model::SAMPLE_PERIODS_S;
 use crate::sim::{ControllerKind, Interpolation, PositionFeedback, ServoAxisOptions, SimOptions};
 
 choices! {
@@ -37,7 +38,7 @@ table! {
             "Simulated seconds per second; \"max\" is as fast as it can be computed and consumed";
         seed: u64 = sim.seed, Kind::Whole(0, i64::MAX as u64), "",
             "Seed of everything random; the same seed gives the same samples, bit by bit";
-        sample_period_s: f64 = sim.sample_period_s, Kind::Real(Interval::closed(1e-5, 0.1)), "s",
+        sample_period_s: f64 = sim.sample_period_s, Kind::Real(Interval::closed(SAMPLE_PERIODS_S.0, SAMPLE_PERIODS_S.1)), "s",
             "Time between two samples, the paper's Δ; also converts estimator.time_constant_s";
         substeps: u64 = sim.substeps as u64, Kind::Whole(1, 1000), "",
             "Runge-Kutta steps per sample";

@@ -129,10 +129,7 @@ impl ProjectedOptions {
             ("considered.resonance_hz", considered.resonance_hz),
             ("considered.drift_per_s", considered.drift_per_s),
             ("considered.zero_rad", considered.zero_rad),
-            (
-                "considered.eccentricity_rad",
-                considered.eccentricity_rad.unwrap_or(0.0),
-            ),
+            ("considered.eccentricity_rad", considered.eccentricity_rad),
         ];
         let all = all.chain(suspects.iter().map(|(field, value)| (*field, value)));
         for (field, &value) in all {

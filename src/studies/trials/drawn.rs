@@ -45,7 +45,7 @@ pub fn drawn_errors(sim: &SimOptions, considered: &Considered, seed: u64) -> Res
             fault("q", 2, considered.zero_rad * draw(0))
         )],
         4 => {
-            let size = considered.eccentricity_rad.unwrap_or(0.0);
+            let size = considered.eccentricity_rad;
             vec![
                 format!("plant.sensors.eccentricity_rad={:?}", size * draw(0).hypot(draw(1))),
                 format!("plant.sensors.eccentricity_phase_rad={:?}", TAU * spread(seed, 51)),

@@ -80,7 +80,7 @@ lower = [-100, 0, 0, 0, 0, 0]
         "mine.toml:13: simulate.viscous: expected 6 numbers, one per joint, got 1",
         "mine.toml:17: simulate.payload[1].center_m: expected a list of 3 numbers of any size [m], got [0.0, 0.1] (a list of 2)",
         "mine.toml:19: plant.duration: unknown key; did you mean plant.duration_s?",
-        "mine.toml:20: plant.sample_period_s: expected a number from 1e-5 to 0.1 [s], got \"fast\" (a string)",
+        "mine.toml:20: plant.sample_period_s: expected a number from 1e-5 to 1 [s], got \"fast\" (a string)",
         "mine.toml:22: log.velocity_columns: expected 6 columns",
         "mine.toml:24: excite.lower: joint \"joint_1\": expected -2.88 to 2.88 as the URDF says, got -100",
         "--set simulate.motion=rst: simulate.motion: expected one of \"rest\", \"fourier\" or \"moves\", got \"rst\" (a string); did you mean",

@@ -10,8 +10,9 @@ pub(super) fn log(form: &FileForm, model: Option<&SharedModel>, check: &mut Chec
     let section = &form.log;
     // Metres taken for radians would be used unchanged, and nothing in the result would show it.
     if let Some(model) = model.filter(|_| !section.q.is_empty()) {
-        let linear = model.definition().position_unit == "m";
-        if linear != section.position_unit.is_length() {
+        let definition = model.definition();
+        let linear = definition.position_unit == "m";
+        if !definition.is_mixed() && linear != section.position_unit.is_length() {
             let (axis, units) = match linear {
                 true => ("moves along a line", "\"m\", \"mm\" or \"um\""),
                 false => ("turns", "\"rad\", \"deg\" or \"turn\""),
@@ -31,11 +32,17 @@ pub(super) fn log(form: &FileForm, model: Option<&SharedModel>, check: &mut Chec
     if section.input_unit == 0.0 {
         check.wrong("log.input_unit", "expected a number that is not 0, got 0");
     }
+    // of a machine with slides and hinges, the unit is that of the joints that it suits; others are
+    // in m or rad
+    let unit_of = |joint: usize| match model.map(|model| model.definition()) {
+        Some(d) if d.is_mixed() && d.turns.get(joint) == Some(&section.position_unit.is_length()) => 1.0,
+        _ => section.position_unit.si(),
+    };
     LogColumns {
         time: section.time.clone(),
         time_unit_s: section.time_unit.seconds(),
         positions: section.q.clone(),
-        position_unit: section.position_unit.si(),
+        position_units: (0..section.q.len()).map(unit_of).collect(),
         inputs: section.input.clone(),
         input_unit: section.input_unit,
         setpoints: section.setpoint.clone(),

@@ -167,8 +167,8 @@ pub struct LogColumns {
     pub time_unit_s: f64,
     /// Column of each joint's position.
     pub positions: Vec<String>,
-    /// One unit of the positions \[rad or m\].
-    pub position_unit: f64,
+    /// One unit of each joint's position and setpoint \[rad or m\].
+    pub position_units: Vec<f64>,
     /// Column of each joint's input.
     pub inputs: Vec<String>,
     /// One unit of the inputs, in the model's unit.

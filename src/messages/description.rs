@@ -3,7 +3,7 @@
 
 use super::table::message;
 use super::{MAX_DERIVED, NAME, UNIT, put_text, text_of};
-use crate::model::{MAX_JOINTS, MAX_PARAMS};
+use crate::model::{MAX_JOINTS, MAX_PARAMS, MIXED_UNIT};
 #[cfg(feature = "bus")]
 use iceoryx2::prelude::ZeroCopySend;
 
@@ -154,13 +154,15 @@ impl Description {
         text_of(&self.input_kind)
     }
 
-    /// The unit of positions where there is one for all joints: rad if any joint turns.
+    /// The unit of the positions, [`MIXED_UNIT`] if joints differ.
     pub fn position_unit(&self) -> &str {
         let units = || self.joints().iter().map(JointInfo::position_unit);
-        units()
-            .find(|unit| *unit == "rad")
-            .or_else(|| units().next())
-            .unwrap_or("")
+        let first = units().next().unwrap_or("");
+        if units().all(|unit| unit == first) {
+            first
+        } else {
+            MIXED_UNIT
+        }
     }
 
     /// The joints.

@@ -45,6 +45,8 @@ use std::ops::Range;
 pub const MAX_JOINTS: usize = 8;
 /// Largest number of parameters of an estimate, and so of a plant.
 pub const MAX_PARAMS: usize = 128;
+/// Unit of positions if some joints turn and others move along lines.
+pub const MIXED_UNIT: &str = "rad or m";
 /// Shortest and longest time between two samples \[s\].
 pub const SAMPLE_PERIODS_S: (f64, f64) = (1e-5, 1.0);
 
@@ -188,7 +190,7 @@ pub struct PlantDefinition {
     pub joints: usize,
     /// See [`Plant::input_unit`].
     pub input_unit: String,
-    /// See [`Plant::position_unit`].
+    /// Unit of the positions, see [`Plant::position_unit`]; [`MIXED_UNIT`] if joints differ.
     pub position_unit: String,
     /// See [`Plant::turns`], joint by joint.
     pub turns: Vec<bool>,
@@ -205,12 +207,15 @@ pub struct PlantDefinition {
 impl PlantDefinition {
     /// Of a plant.
     pub fn of(plant: &impl Plant) -> Self {
+        let turns: Vec<bool> = (0..plant.joints()).map(|joint| plant.turns(joint)).collect();
+        let is_mixed = turns.contains(&true) && turns.contains(&false);
+        let position_unit = if is_mixed { MIXED_UNIT } else { plant.position_unit() };
         Self {
             name: plant.name().to_owned(),
             joints: plant.joints(),
             input_unit: plant.input_unit().to_owned(),
-            position_unit: plant.position_unit().to_owned(),
-            turns: (0..plant.joints()).map(|joint| plant.turns(joint)).collect(),
+            position_unit: position_unit.to_owned(),
+            turns,
             parameters: plant.parameters().to_vec(),
             equations: plant.equations().to_vec(),
             relations: plant.relations().to_vec(),
@@ -218,12 +223,18 @@ impl PlantDefinition {
         }
     }
 
-    /// Unit of a joint's position: rad if it turns, m if not.
+    /// Unit of a joint's position.
     pub fn joint_unit(&self, joint: usize) -> &str {
         match self.turns.get(joint) {
-            Some(turns) if self.turns.contains(&!turns) => ["m", "rad"][usize::from(*turns)],
+            Some(true) if self.is_mixed() => "rad",
+            Some(false) if self.is_mixed() => "m",
             _ => &self.position_unit,
         }
+    }
+
+    /// True if some joints turn and others move along lines.
+    pub fn is_mixed(&self) -> bool {
+        self.position_unit == MIXED_UNIT
     }
 
     /// A hash of everything that determines the meaning of θ: names, units, equations. 64-bit

@@ -7,8 +7,8 @@ use super::model::{Model, ModelError, NodeSettings};
 use super::robot::RobotLearner;
 use crate::messages::signals;
 use crate::model::{
-    DefinitionError, DerivedQuantity, DerivedValues, Equation, JointSample, MAX_JOINTS, MAX_PARAMS, Parameter,
-    PlantDefinition,
+    DefinitionError, DerivedQuantity, DerivedValues, Equation, JointSample, MAX_JOINTS, MAX_PARAMS, MIXED_UNIT,
+    Parameter, PlantDefinition,
 };
 use crate::robot::LEAST_EXPLAINED;
 #[cfg(feature = "sim")]
@@ -124,9 +124,14 @@ impl RobotPlant {
 
 /// Units of the positions and of the drives' inputs.
 pub fn robot_units(model: &RobotModel, drives: &Drives) -> (&'static str, &'static str) {
-    let turns = model.robot().joints.iter().any(|joint| joint.turns);
+    let joints = &model.robot().joints;
     let is_torque = drives.gain.iter().all(|gain| *gain == 1.0);
-    (if turns { "rad" } else { "m" }, if is_torque { "N m" } else { "A" })
+    let (position, effort) = match (joints.iter().any(|j| j.turns), joints.iter().all(|j| j.turns)) {
+        (true, true) => ("rad", "N m"),
+        (true, false) => (MIXED_UNIT, "N m or N"),
+        (false, _) => ("m", "N"),
+    };
+    (position, if is_torque { effort } else { "A" })
 }
 
 /// The robot's name, with a digest of everything that determines the meaning of its parameters:

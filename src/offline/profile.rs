@@ -145,14 +145,15 @@ impl LogProfile {
         }
     }
 
-    /// One line on time, then one for each column, with the units of positions and inputs.
-    pub fn lines(&self, position_unit: &str, input_unit: &str) -> Vec<String> {
+    /// One line on time, then one for each column, with the units of each joint's position and of
+    /// the inputs.
+    pub fn lines<'a>(&self, position_unit: impl Fn(usize) -> &'a str, input_unit: &'a str) -> Vec<String> {
         let mut lines = vec![self.to_string()];
         for column in self.columns.iter().filter(|c| c.count > 0) {
             let (what, joint, unit) = match column.signal {
-                Signal::Position(joint) => ("position", joint, position_unit),
+                Signal::Position(joint) => ("position", joint, position_unit(joint)),
                 Signal::Input(joint) => ("input", joint, input_unit),
-                Signal::Setpoint(joint) => ("setpoint", joint, position_unit),
+                Signal::Setpoint(joint) => ("setpoint", joint, position_unit(joint)),
             };
             let (min, max) = (short(column.min), short(column.max));
             lines.push(format!(

@@ -27,12 +27,26 @@ const WRAP: std::ops::Range<f64> = 0.9..1.1;
 /// The relevant configuration.
 #[derive(Debug, Clone)]
 pub struct Configured<'a> {
-    /// The joints turn; otherwise they move along a line.
-    pub turns: bool,
+    /// True if a joint turns, joint by joint; otherwise it moves along a line.
+    pub turns: &'a [bool],
     /// Word for the unit of the position columns: `rad`, `deg`, `turn`, `m`, `mm` or `um`.
     pub position_unit: &'a str,
     /// Sign of the acceleration due to a positive input in the model, 1 or −1; 0 if unknown.
     pub input_sign: f64,
+}
+
+impl<'a> Configured<'a> {
+    /// Whether a joint turns, and the word for the unit of its position. Beside joints that turn,
+    /// slides are in m unless the unit is one of length, and the reverse.
+    fn joint(&self, joint: usize) -> (bool, &'a str) {
+        let turns = self.turns.get(joint).copied().unwrap_or(false);
+        let is_length = matches!(self.position_unit, "m" | "mm" | "um");
+        match (self.turns.contains(&!turns), turns, is_length) {
+            (true, true, true) => (turns, "rad"),
+            (true, false, false) => (turns, "m"),
+            _ => (turns, self.position_unit),
+        }
+    }
 }
 
 /// A likely mistake.
@@ -241,7 +255,7 @@ pub fn judge_profile(
                 column: name,
                 value: column.min,
             }),
-            Signal::Position(_) => found.extend(judge_position(column, configured)),
+            Signal::Position(joint) => found.extend(judge_position(column, joint, configured)),
             Signal::Input(joint) => {
                 let r = correlations.get(joint).copied().flatten();
                 let against = r.filter(|r| r * configured.input_sign < -SURE_CORRELATION);
@@ -264,11 +278,11 @@ pub fn judge_profile(
     found
 }
 
-fn judge_position(column: &ColumnProfile, configured: &Configured<'_>) -> Option<Suspicion> {
+fn judge_position(column: &ColumnProfile, joint: usize, configured: &Configured<'_>) -> Option<Suspicion> {
     let name = column.name.clone();
     let span = column.max - column.min;
     let one_turn = column.largest_step / std::f64::consts::TAU;
-    match (configured.turns, configured.position_unit) {
+    match configured.joint(joint) {
         // In degrees a wrap is a step of 360.
         (true, _) if WRAP.contains(&one_turn) || WRAP.contains(&one_turn.to_radians()) => {
             Some(Suspicion::Wraps { column: name })

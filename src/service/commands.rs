@@ -359,7 +359,7 @@ impl Commands {
                 Item::new(
                     item_kind::POSITION,
                     &format!("q_{joint}"),
-                    &plant.position_unit,
+                    plant.joint_unit(joint - 1),
                     0.0,
                     none,
                 ),

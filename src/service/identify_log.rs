@@ -119,11 +119,14 @@ pub(super) fn run(args: &IdentifyArgs, shutdown: &Shutdown) -> Result<Exit, Fail
 fn tell(input: &Path, config: &Config, log: &LogReader<BufReader<File>>, line: &OfflineRun<'_>) {
     let input = input.display();
     let definition = config.model.definition();
-    for line in log.profile().lines(&definition.position_unit, &definition.input_unit) {
+    for line in log
+        .profile()
+        .lines(|joint| definition.joint_unit(joint), &definition.input_unit)
+    {
         tracing::info!("{input}: {line}");
     }
     let configured = Configured {
-        turns: definition.position_unit == "rad",
+        turns: &definition.turns,
         position_unit: config.file_form().log.position_unit.word(),
         input_sign: input_sign(config),
     };

@@ -322,6 +322,20 @@ fn prop_a_slide_beside_a_hinge_has_no_eccentric_encoder() {
     let description = config.unwrap().description();
     let units: Vec<&str> = description.joints().iter().map(|joint| joint.position_unit()).collect();
     assert_eq!(units, ["rad", "m"]);
+    assert_eq!(description.position_unit(), "rad or m");
+    // in a log, the unit is that of the joints that it suits
+    let units_in = |unit: &str| {
+        let sets = [
+            "log.q=[\"a\",\"b\"]".to_owned(),
+            format!("log.position_unit=\"{unit}\""),
+        ];
+        let basis = Config::embedded("own_plant").unwrap();
+        let config = Config::load_for(&Catalog::default().with(Polar), &[basis], &sets);
+        config.unwrap().log.position_units
+    };
+    assert_eq!(units_in("mm"), [1.0, 1e-3]);
+    assert_eq!(units_in("deg"), [TAU / 360.0, 1.0]);
+    assert_eq!(units_in("rad"), [1.0, 1.0]);
     let counts_per_turn = Identifier::builder(Polar)
         .encoder(16, 0.1)
         .build()

@@ -114,7 +114,7 @@ table! {
         q: Vec<String> = Vec::new(), Kind::Words, "",
             "Columns of the positions, one per joint";
         position_unit: PositionUnit = PositionUnit::Radians, choice::<PositionUnit>(), "",
-            "Unit of the position columns: of length if the model moves along a line, else of angle";
+            "Unit of the position columns: of length if the model moves along a line, else of angle. If some joints turn and others do not, it is the unit of the joints that it suits; the others are in rad or m";
         input: Vec<String> = Vec::new(), Kind::Words, "",
             "Columns of the inputs, one per joint";
         input_unit: f64 = 1.0, Kind::Real(FINITE), "",

@@ -150,18 +150,18 @@ impl RowReader {
         let mut joints = JointSample::default();
         let columns = &self.columns;
         let signals = [
-            (&self.q, &columns.positions, &mut joints.q, columns.position_unit),
-            (&self.input, &columns.inputs, &mut joints.input, columns.input_unit),
+            (&self.q, &columns.positions, &mut joints.q, &columns.position_units[..]),
+            (&self.input, &columns.inputs, &mut joints.input, &[]),
             (
                 &self.setpoint,
                 &columns.setpoints,
                 &mut joints.setpoint,
-                columns.position_unit,
+                &columns.position_units[..],
             ),
         ];
-        for (places, names, values, unit) in signals {
-            for ((value, &index), name) in values.iter_mut().zip(places).zip(names) {
-                *value = field(index, name)? * unit;
+        for (places, names, values, units) in signals {
+            for (joint, (&index, name)) in places.iter().zip(names).enumerate() {
+                values[joint] = field(index, name)? * units.get(joint).unwrap_or(&columns.input_unit);
             }
         }
         let from_origin = self.origin.map_or(0.0, |origin| stamp.since(&origin));

@@ -8,7 +8,7 @@ fn columns(time: bool) -> LogColumns {
         time: time.then(|| "t".to_owned()),
         time_unit_s: 1e-3,
         positions: vec!["x".to_owned()],
-        position_unit: 1e-3,
+        position_units: vec![1e-3],
         inputs: vec!["u".to_owned()],
         input_unit: 2.0,
         setpoints: Vec::new(),

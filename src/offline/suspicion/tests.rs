@@ -89,7 +89,7 @@ fn regress_each_likely_mistake_is_named_with_the_key_that_mends_it_and_a_good_lo
     ];
     for (what, turns, position_unit, signal, [min, max], step, words) in cases {
         let configured = Configured {
-            turns,
+            turns: &[turns],
             position_unit,
             input_sign: 1.0,
         };
@@ -98,6 +98,33 @@ fn regress_each_likely_mistake_is_named_with_the_key_that_mends_it_and_a_good_lo
         match words {
             "" => assert!(told.is_empty(), "{what}: {told:?}"),
             words => assert!(told.len() == 1 && told[0].contains(words), "{what}: {told:?}"),
+        }
+    }
+}
+
+/// Beside a joint that turns, a unit of angle is not that of the slide, and the reverse.
+#[test]
+fn regress_a_slide_beside_a_hinge_is_judged_in_m() {
+    for (position_unit, signal, range, words) in [
+        ("deg", Signal::Position(1), [0.0, 0.3], ""),
+        ("deg", Signal::Position(1), [0.0, 300.0], "\"mm\""),
+        ("deg", Signal::Position(0), [0.0, 0.01], "\"rad\""),
+        ("mm", Signal::Position(0), [0.0, 3.0], ""),
+        ("mm", Signal::Position(0), [0.0, 180.0], "\"deg\""),
+    ] {
+        let configured = Configured {
+            turns: &[true, false],
+            position_unit,
+            input_sign: 1.0,
+        };
+        let found = judge_profile(&profile(signal, range[0], range[1], 1e-3), &configured, &[]);
+        let told: Vec<String> = found.iter().map(ToString::to_string).collect();
+        match words {
+            "" => assert!(told.is_empty(), "{position_unit} {range:?}: {told:?}"),
+            words => assert!(
+                told.len() == 1 && told[0].contains(words),
+                "{position_unit} {range:?}: {told:?}"
+            ),
         }
     }
 }
@@ -115,7 +142,7 @@ fn regress_an_input_against_the_models_direction_is_named_where_the_data_are_sur
         (0.0, Some(-1.0), false),
     ] {
         let configured = Configured {
-            turns: false,
+            turns: &[false],
             position_unit: "m",
             input_sign,
         };

@@ -22,36 +22,23 @@
 //! sandwich estimator, along single estimates so that a few blocks suffice.
 
 use super::block_scatter_room::BlockScatter;
-use super::identify::RobotIdentifier;
+use super::learning::Learner;
 
-impl RobotIdentifier {
+impl BlockScatter {
     /// (1) to (4) after a block.
-    pub(super) fn look_at_scatter(&mut self) {
-        let Some(mut scatter) = self.block_scatter.take() else {
-            return;
-        };
-        self.measure_scatter(&mut scatter);
-        self.block_scatter = Some(scatter);
-    }
-
-    fn measure_scatter(&self, scatter: &mut BlockScatter) {
-        let n = self.theta.len();
-        let blocks = self.recent_blocks.min(self.recent.len());
-        scatter.begin();
-        for age in 0..blocks {
-            let block = &self.recent[(self.recent_blocks - 1 - age) % self.recent.len()];
+    pub fn look_at_block(&mut self, learner: &Learner) {
+        let (estimate, levels) = (&learner.estimate, &learner.levels);
+        self.begin();
+        for (age, block) in learner.recent.newest_first().enumerate() {
             for (joint, sums) in block.iter().enumerate().filter(|(_, sums)| sums.rows > 0) {
-                scatter.add(age, (joint, sums), self.weight(joint), &self.effective); // (1)
+                self.add(age, (joint, sums), levels.weight(joint), estimate.effective()); // (1)
             }
         }
-        for i in (0..self.parameters.len()).filter(|i| !self.fixed[*i]) {
-            let direction = &mut scatter.direction;
-            self.effective_if(self.is_loaded, &self.covariance[i * n..(i + 1) * n], direction);
-            if !self.condensed {
-                let weight = |joint: usize| self.weight(joint);
-                self.offset_drift.follow(&self.all, weight, &self.fixed, direction);
-            }
-            scatter.compare(i, blocks); // (2), (3), (4)
+        for i in estimate.free() {
+            let direction = &mut self.direction;
+            learner.flange.effective(estimate.row(i), direction);
+            learner.past.follow_slopes(levels, estimate.fixed(), direction);
+            self.compare(i, learner.recent.len()); // (2), (3), (4)
         }
     }
 }

@@ -69,12 +69,12 @@ impl RobotIdentifier {
     /// The nearest physically possible payload. `None` if nothing is carried, or while no such body
     /// is near, as in the first moments.
     pub fn carried(&self) -> Option<CarriedPayload> {
-        let payload = self.payload.as_ref().filter(|_| self.is_loaded)?;
+        let payload = self.learner.flange.carried()?;
         let first = payload.first;
         let mut covariance = [0.0; BODY_PARAMETERS * BODY_PARAMETERS];
         let mut estimate = BodyParameters::default();
         for p in 0..BODY_PARAMETERS {
-            estimate.0[p] = self.theta[first + p];
+            estimate.0[p] = self.theta()[first + p];
             for q in 0..BODY_PARAMETERS {
                 covariance[p * BODY_PARAMETERS + q] = self.covariance(first + p, first + q);
             }
@@ -88,7 +88,7 @@ impl RobotIdentifier {
         // Gains scale mass and inertia, and leave the centre of mass where it is.
         let own = |p: usize| !(1..4).contains(&p) && !self.is_fixed(first + p);
         for p in (0..BODY_PARAMETERS).filter(|p| own(*p)) {
-            std[p] = std[p].hypot(self.options.gain_std * values[p]);
+            std[p] = std[p].hypot(self.learner.options.gain_std * values[p]);
         }
         Some(CarriedPayload { body, values, std })
     }

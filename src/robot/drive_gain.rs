@@ -33,9 +33,9 @@
 //! enough rows without one.
 
 use super::drive_gain_room::{DriveGains, WrongGain};
-use super::identify::{RobotIdentifier, TRIED};
-use super::learning::{ROWS_PER_PARAMETER, SMALLEST_STD};
-use super::unmodelled::Unmodelled;
+use super::learning::{Learner, ROWS_PER_PARAMETER, TRIED};
+use super::left_out::harm;
+use super::levels::SMALLEST_STD;
 use crate::model::MAX_JOINTS;
 
 /// T \[s\].
@@ -79,65 +79,44 @@ struct Suspect {
     share: f64,
 }
 
-impl RobotIdentifier {
-    /// A joint whose torque contradicts those of the others: its gain is wrong, and nothing may be
-    /// used.
-    pub fn wrong_gain(&self) -> Option<WrongGain> {
-        self.gains.as_ref().and_then(|gains| gains.found)
+impl DriveGains {
+    /// Tests the gains after a block without a payload.
+    pub fn look_at_block(&mut self, learner: &Learner) {
+        let kept = (-learner.options.block_s / MEMORY_S).exp();
+        self.take(learner.open.sums(), kept); // (2)
+        self.judge(learner);
     }
 
-    /// True if a wrong gain is likelier than the term that the model leaves out: zeros, tilts,
-    /// springs and delays imitate it.
-    pub fn is_gain_likelier(&self) -> bool {
-        let is_vague = |what: Unmodelled| what.is_considered() || what.is_one_of_many();
-        self.wrong_gain().is_some() && self.left_out_cause().is_some_and(|cause| is_vague(cause.what))
-    }
-
-    /// Forgets the rows of the test, because the payload changes.
-    pub(super) fn forget_gains(&mut self) {
-        self.gains.iter_mut().for_each(DriveGains::clear);
-    }
-
-    /// Tests the gains after a block.
-    pub(super) fn look_at_gains(&mut self) {
-        if self.is_loaded || self.doubt().is_some() {
+    fn judge(&mut self, learner: &Learner) {
+        let (n, joints) = (self.known.n, self.sums.len());
+        let rows: f64 = self.rows.iter().sum();
+        if learner.recent.count() < TRIED || rows * learner.independent_share() < ROWS_PER_PARAMETER * n as f64 {
             return;
         }
-        let Some(mut gains) = self.gains.take() else { return };
-        gains.take(&self.block, (-self.options.block_s / MEMORY_S).exp()); // (2)
-        self.judge_gains(&mut gains);
-        self.gains = Some(gains);
-    }
-
-    fn judge_gains(&self, gains: &mut DriveGains) {
-        let (n, joints) = (gains.known.n, gains.sums.len());
-        let rows: f64 = gains.rows.iter().sum();
-        if self.recent_blocks < TRIED || rows * self.independent_share() < ROWS_PER_PARAMETER * n as f64 {
+        let fixed = learner.estimate.fixed();
+        self.theta[..n].copy_from_slice(&learner.estimate.theta()[..n]);
+        self.weigh(learner);
+        if !self.solve(&learner.arm.model, None, fixed) {
             return;
         }
-        gains.theta[..n].copy_from_slice(&self.theta[..n]);
-        self.weigh_gains(gains);
-        if !gains.solve(&self.model, None, &self.fixed) {
-            return;
-        }
-        gains.plain.copy_from_slice(&gains.theta[..n]);
-        let was = gains.found.take();
+        self.plain.copy_from_slice(&self.theta[..n]);
+        let was = self.found.take();
         let mut best: [Option<Suspect>; 2] = [None; 2];
         // the first step of each suspect, 0 for the others
         let mut first = [0.0; MAX_JOINTS];
         for joint in 0..joints {
-            gains.misfits[joint] = gains.misfit(joint, 1.0);
-            let (score, information) = gains.slope(joint, 1.0);
+            self.misfits[joint] = self.misfit(joint, 1.0);
+            let (score, information) = self.slope(joint, 1.0);
             let step = score / information;
             let is_significant = information > 0.0 && score.abs() > SUSPECTED.0 * information.sqrt();
             let is_suspect = is_significant && step.abs() > SUSPECTED.1;
             let was_named = was.is_some_and(|was| was.names(joint)) && step.is_finite();
-            if gains.sums[joint].rows > 0 && (is_suspect || was_named) {
+            if self.sums[joint].rows > 0 && (is_suspect || was_named) {
                 first[joint] = step;
             }
         }
         for joint in (0..joints).filter(|joint| first[*joint] != 0.0) {
-            let Some(suspect) = self.fit_gain(gains, joint, 1.0 + first[joint]) else {
+            let Some(suspect) = self.fit(learner, joint, 1.0 + first[joint]) else {
                 continue;
             };
             let over = |other: &Option<Suspect>| other.is_none_or(|other| suspect.likelihood > other.likelihood);
@@ -156,7 +135,7 @@ impl RobotIdentifier {
             likeliest.deviations > NAMED && likeliest.harm > HARMFUL && off >= LEAST && likeliest.share > TELLING
         };
         let alike = best[1].filter(|other| likeliest.likelihood - other.likelihood < ALIKE);
-        gains.found = (is_named && is_credible).then_some(WrongGain {
+        self.found = (is_named && is_credible).then_some(WrongGain {
             joint: likeliest.joint,
             factor: likeliest.factor,
             other: alike.map(|other| (other.joint, other.factor)),
@@ -164,60 +143,58 @@ impl RobotIdentifier {
     }
 
     /// W of the estimate.
-    fn weigh_gains(&self, gains: &mut DriveGains) {
-        for joint in 0..gains.sums.len() {
-            gains.weights[joint] = self.weight(joint);
+    fn weigh(&mut self, learner: &Learner) {
+        for joint in 0..self.sums.len() {
+            self.weights[joint] = learner.levels.weight(joint);
         }
     }
 
     /// (3) to (8) of a joint, from this first factor.
-    fn fit_gain(&self, gains: &mut DriveGains, joint: usize, first: f64) -> Option<Suspect> {
+    fn fit(&mut self, learner: &Learner, joint: usize, first: f64) -> Option<Suspect> {
+        let fixed = learner.estimate.fixed();
         let mut factor = first.clamp(CREDIBLE.start, CREDIBLE.end);
-        self.weigh_gains(gains);
+        self.weigh(learner);
         let mut information = 0.0;
         for step in 0..=STEPS {
-            if !gains.solve(&self.model, Some((joint, factor)), &self.fixed) {
+            if !self.solve(&learner.arm.model, Some((joint, factor)), fixed) {
                 return None;
             }
-            let (score, own) = gains.slope(joint, factor);
+            let (score, own) = self.slope(joint, factor);
             information = own;
-            gains.scale(factor, &self.fixed);
+            self.scale(factor, fixed);
             if step == STEPS || !(information > 0.0) || (score / information).abs() < CONVERGED {
                 break;
             }
             factor = (factor + score / information).clamp(CREDIBLE.start, CREDIBLE.end); // (4)
-            for (other, sums) in gains.sums.iter().enumerate().filter(|(_, sums)| sums.rows > 0) {
-                let effective = &gains.effective[usize::from(other == joint)];
-                let end = self.model.columns(other).len();
-                let own = end - self.model.friction_of(other).len()..end;
+            for (other, sums) in self.sums.iter().enumerate().filter(|(_, sums)| sums.rows > 0) {
+                let effective = &self.effective[usize::from(other == joint)];
+                let own = (other, learner.arm.model.friction_columns(other));
                 let least = SMALLEST * sums.square / sums.rows as f64;
-                if let Some(level) = self.level_at(other, own, effective) {
-                    gains.weights[other] = 1.0 / level.max(least).max(f64::MIN_POSITIVE); // (5)
+                if let Some(level) = learner.levels.mean_square(own, &learner.recent, effective) {
+                    self.weights[other] = 1.0 / level.max(least).max(f64::MIN_POSITIVE); // (5)
                 }
             }
         }
         if !(information > 0.0) {
             return None;
         }
-        let independent = self.independent_share();
+        let independent = learner.independent_share();
         let (mut likelihood, mut share) = (0.0, 0.0_f64);
-        for (other, sums) in gains.sums.iter().enumerate().filter(|(_, sums)| sums.rows > 0) {
+        for (other, sums) in self.sums.iter().enumerate().filter(|(_, sums)| sums.rows > 0) {
             let least = (SMALLEST * sums.square).max(f64::MIN_POSITIVE);
-            let left = gains
-                .misfit(other, if other == joint { factor } else { 1.0 })
-                .max(least);
-            let ratio = gains.misfits[other].max(least) / left;
-            likelihood += 0.5 * independent * gains.rows[other] * ratio.ln(); // (6)
+            let left = self.misfit(other, if other == joint { factor } else { 1.0 }).max(least);
+            let ratio = self.misfits[other].max(least) / left;
+            likelihood += 0.5 * independent * self.rows[other] * ratio.ln(); // (6)
             share = share.max(1.0 - 1.0 / ratio);
         }
-        let biased = ALLOWED * gains.bias(joint, factor).abs() / information;
+        let biased = ALLOWED * self.bias(joint, factor).abs() / information;
         let off = ((factor - 1.0).abs() - biased).max(0.0);
         let formal = off * information.sqrt();
-        let deviations = formal / self.gain_scatter(gains, joint, factor).sqrt(); // (7)
-        for ((change, plain), theta) in gains.change.iter_mut().zip(&gains.plain).zip(&gains.theta) {
+        let deviations = formal / self.scatter(learner, joint, factor).sqrt(); // (7)
+        for ((change, plain), theta) in self.change.iter_mut().zip(&self.plain).zip(&self.theta) {
             *change = plain - theta;
         }
-        let harm = self.harm(&gains.change, 1.0); // (8)
+        let harm = harm(learner, &self.change, 1.0); // (8)
         Some(Suspect {
             joint,
             factor,
@@ -230,16 +207,16 @@ impl RobotIdentifier {
     }
 
     /// x of (7).
-    fn gain_scatter(&self, gains: &mut DriveGains, joint: usize, factor: f64) -> f64 {
-        gains.point(factor, &self.fixed);
+    fn scatter(&mut self, learner: &Learner, joint: usize, factor: f64) -> f64 {
+        self.point(factor, learner.estimate.fixed());
         let (mut squares, mut information) = (0.0, 0.0);
-        for block in self.recent.iter().take(self.recent_blocks) {
+        for block in learner.recent.iter() {
             let mut score = 0.0;
             for (other, sums) in block.iter().enumerate().filter(|(_, sums)| sums.rows > 0) {
                 let own = usize::from(other == joint);
-                let (along, square) = sums.along(&gains.along[own], &gains.effective[own]);
-                score += gains.weights[other] * along; // (7)
-                information += gains.weights[other] * square; // (7)
+                let (along, square) = sums.along(&self.along[own], &self.effective[own]);
+                score += self.weights[other] * along; // (7)
+                information += self.weights[other] * square; // (7)
             }
             squares += score * score;
         }

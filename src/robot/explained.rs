@@ -134,6 +134,12 @@ impl RecentRows {
         }
     }
 
+    /// Forgets everything.
+    pub fn reset(&mut self) {
+        self.clear();
+        self.lacking.fill(false);
+    }
+
     /// Changes the length of the windows, with as many strides per window; drops the rows so far.
     pub fn set_windows(&mut self, windows: &WindowOptions) {
         self.lag_s = self.lag as f64 * windows.stride_s;

@@ -10,7 +10,6 @@
 //! is allowed, as for every learnt noise level.
 
 use super::explained::RecentTorque;
-use super::information::{Information, Solver};
 use super::sums::JointSums;
 use super::windows::WindowOptions;
 use crate::estimator::stats::f_tail;
@@ -45,13 +44,12 @@ pub struct BlockFigures {
     /// Share of the variance of a parameter known to within its size that this block alone would
     /// remove, 0 to 1.
     pub excitation: Vec<f64>,
-    covariance: Vec<f64>,
     independent: f64,
 }
 
 impl BlockFigures {
-    /// For `parameters` parameters among `columns` columns.
-    pub(super) fn new(parameters: usize, columns: usize) -> Self {
+    /// For this many parameters.
+    pub(super) fn new(parameters: usize) -> Self {
         Self {
             rows: [0; MAX_JOINTS],
             innovation_rms: [0.0; MAX_JOINTS],
@@ -63,18 +61,15 @@ impl BlockFigures {
             fit: [0.0; MAX_JOINTS],
             fit_probability: 1.0,
             excitation: vec![0.0; parameters],
-            covariance: vec![0.0; columns * columns],
             independent: 1.0,
         }
     }
 
     pub(super) fn clear(&mut self) {
         let excitation = std::mem::take(&mut self.excitation);
-        let covariance = std::mem::take(&mut self.covariance);
         *self = Self {
             excitation,
-            covariance,
-            ..Self::new(0, 0)
+            ..Self::new(0)
         };
         self.excitation.fill(0.0);
     }
@@ -105,20 +100,6 @@ impl BlockFigures {
                 let tail = f_tail(self.fit[j] / (1.0 + SLACK), (rows * self.independent).max(1.0), 1e5);
                 self.fit_probability = self.fit_probability.min((joints * tail).min(1.0));
             }
-        }
-    }
-
-    /// Excitation from the block's information `gain` and the parameters' sizes.
-    pub(super) fn of_gain(&mut self, solver: &mut Solver, gain: &Information, fixed: &[bool], size: &[f64]) {
-        let n = gain.n;
-        let solved = solver.covariance(gain, fixed, &mut self.covariance);
-        for i in 0..self.excitation.len() {
-            let left = self.covariance[i * n + i] / size[i].powi(2);
-            self.excitation[i] = if solved && !fixed[i] {
-                (1.0 - left).clamp(0.0, 1.0)
-            } else {
-                0.0
-            };
         }
     }
 }

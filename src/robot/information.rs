@@ -11,6 +11,7 @@
 //! estimated all the time, so they can be freed again.
 
 use crate::estimator::linalg::{Cholesky, dot};
+use crate::estimator::persist::Visit;
 
 /// Λ and b of n parameters.
 #[derive(Debug, Clone, PartialEq)]
@@ -47,6 +48,13 @@ impl Information {
         self.matrix.copy_from_slice(&other.matrix);
         self.vector.copy_from_slice(&other.vector);
         self.bias.copy_from_slice(&other.bias);
+    }
+
+    /// State kept in a checkpoint.
+    pub fn visit(&mut self, v: &mut impl Visit) {
+        v.reals(&mut self.matrix);
+        v.reals(&mut self.vector);
+        v.reals(&mut self.bias);
     }
 
     /// Sets the prior of one parameter without other information.

@@ -29,12 +29,10 @@
 //! inquiry by itself. A slip that is a jump is found at once by `jump.rs` and also opens one.
 
 use super::change::Suspect;
-use super::identify::RobotIdentifier;
-use super::inquiry_room::RobotDoubt;
+use super::comparison::{Before, Comparison};
+use super::doubt::RobotDoubt;
+use super::learning::Learner;
 use super::sums::JointSums;
-use super::watch::ALARM;
-use super::watch_room::Watch;
-use crate::model::MAX_JOINTS;
 
 /// ln of the Bayes factor required between the two kinds of causes.
 const CLEAR: f64 = 10.0;
@@ -58,101 +56,137 @@ const UNSEEN_RAD: f64 = 0.1;
 /// Residuals above this many f_j σ_j are not explained.
 const EXPLAINED: f64 = 3.0;
 
-impl RobotIdentifier {
-    /// Why nothing may be used: a drive or an encoder has changed, or might have. `None` if there
-    /// is no such doubt.
+/// Slices after which a named drive or encoder is final.
+const FINAL: usize = 40;
+/// Largest number of slices needed to detect another change.
+const LEANS: usize = 4;
+
+/// A change with all rows since.
+#[derive(Debug, Clone)]
+pub(super) struct Inquiry {
+    /// The present doubt; `None` while there is no inquiry.
+    doubt: Option<RobotDoubt>,
+    /// The likeliest drive or encoder.
+    suspect: Suspect,
+    before: Before,
+    /// The rows since, and the last of them.
+    sums: Vec<JointSums>,
+    last: Vec<JointSums>,
+    /// Slices since.
+    slices: usize,
+    /// For the last slices, whether friction or a payload was clear except for the number of
+    /// slices; oldest first.
+    leans: [bool; LEANS],
+}
+
+impl Inquiry {
+    /// Workspace of an inquiry.
+    pub fn new(learner: &Learner) -> Self {
+        let (n, acting) = (learner.estimate.n(), learner.estimate.effective().len());
+        let empty = learner.arm.empty_sums();
+        Self {
+            doubt: None,
+            suspect: Suspect::Gain(None),
+            before: Before::new(n, acting, empty.len()),
+            sums: empty.clone(),
+            last: empty,
+            slices: 0,
+            leans: [false; LEANS],
+        }
+    }
+
+    /// Why nothing may be used; `None` while there is no inquiry.
     pub fn doubt(&self) -> Option<RobotDoubt> {
-        let inquired = || self.watch.as_ref()?.inquiry.doubt;
-        self.jumps.found().or_else(inquired)
+        self.doubt
     }
 
-    /// Begins an inquiry with the information in `system` as that before the change, and no rows.
-    pub(super) fn begin_inquiry(&mut self, watch: &mut Watch) {
-        let inquiry = &mut watch.inquiry;
-        inquiry.known.copy_from(&self.system);
-        inquiry.theta.copy_from_slice(&self.theta);
-        inquiry.fixed.copy_from_slice(&self.fixed);
-        if !self.solver.solve(&inquiry.known, &inquiry.fixed, &mut inquiry.theta) {
+    /// True while an inquiry is open.
+    pub fn is_open(&self) -> bool {
+        self.doubt.is_some()
+    }
+
+    /// True while its outcome may still change.
+    fn is_pending(&self) -> bool {
+        self.doubt == Some(RobotDoubt::Unclear) || self.is_open() && self.slices < FINAL
+    }
+
+    /// True if another change may begin an inquiry, because this one pointed to friction or a
+    /// payload before the other change.
+    pub fn gives_way(&self) -> bool {
+        !self.is_open() || self.is_pending() && self.leans[0]
+    }
+
+    /// Ends it without an outcome.
+    pub fn close(&mut self) {
+        self.doubt = None;
+    }
+
+    /// Begins with the information in `system` as that before the change, and no rows.
+    pub fn begin(&mut self, learner: &mut Learner) {
+        if !self.before.keep(learner) {
             return;
         }
-        inquiry.was_loaded = self.is_loaded;
-        for (joint, level) in inquiry.level.iter_mut().enumerate() {
-            *level = self.torque_std[joint] * self.inflation[joint];
-        }
-        inquiry.sums.iter_mut().for_each(JointSums::clear);
-        inquiry.last.iter_mut().for_each(JointSums::clear);
-        inquiry.slices = 0;
-        inquiry.leans.fill(false);
-        inquiry.doubt = Some(RobotDoubt::Unclear);
-        let inquiry = &mut watch.inquiry;
-        self.effective_of(&inquiry.theta, self.now(), &mut inquiry.effective);
+        self.sums.iter_mut().for_each(JointSums::clear);
+        self.last.iter_mut().for_each(JointSums::clear);
+        self.slices = 0;
+        self.leans.fill(false);
+        self.doubt = Some(RobotDoubt::Unclear);
     }
 
-    /// Begins an inquiry if a gain or a zero explains the last prepared window of `slices` slices.
-    pub(super) fn suspect_drives(&mut self, watch: &mut Watch, slices: usize) {
-        let is_strange = self.broken(watch).is_some_and(|(_, gain)| gain > ALARM);
-        watch.strange = if is_strange { watch.strange + 1 } else { 0 };
-        // a joint that starts to move vibrates for a moment
-        if watch.strange < 2 || watch.inquiry.is_open() {
-            return;
-        }
-        self.begin_inquiry(watch);
-        for age in self.pending.len() - slices..self.pending.len() {
-            watch.inquiry.take(&self.pending.get(age).sums);
+    /// Adds the rows of a slice.
+    pub fn take(&mut self, rows: &[JointSums]) {
+        self.slices += 1;
+        let both = self.sums.iter_mut().zip(&mut self.last);
+        for ((sums, last), rows) in both.zip(rows) {
+            sums.add(rows);
+            last.add(rows);
         }
     }
 
-    /// Adds the last slice to the inquiry, if one is open.
-    pub(super) fn add_to_inquiry(&mut self) {
-        if let Some(watch) = self.watch.as_mut().filter(|watch| watch.inquiry.is_open()) {
-            watch.inquiry.take(&self.slice);
+    /// (1) to (6) after a slice; true if the information from before is restored.
+    pub fn review(&mut self, comparison: &mut Comparison, learner: &mut Learner) -> bool {
+        let (was_open, mut is_restored) = (self.is_open(), false);
+        if self.is_pending() {
+            self.doubt = self.outcome(comparison, learner);
         }
-    }
-
-    /// (1) to (6).
-    pub(super) fn inquire(&mut self) {
-        let Some(mut watch) = self.watch.take() else { return };
-        let doubt = watch.inquiry.doubt;
-        if watch.inquiry.is_pending() {
-            watch.inquiry.doubt = self.outcome(&mut watch);
-        }
-        if doubt.is_some() && watch.inquiry.slices.is_multiple_of(LEAST) {
-            if watch.inquiry.is_open() && self.is_over(&mut watch) {
-                watch.inquiry.doubt = None; // (6)
-                self.restore(&watch);
+        if was_open && self.slices.is_multiple_of(LEAST) {
+            if self.is_open() && self.is_over(comparison, learner) {
+                self.doubt = None; // (6)
+                is_restored = self.restore(learner);
             }
-            watch.inquiry.last.iter_mut().for_each(JointSums::clear);
+            self.last.iter_mut().for_each(JointSums::clear);
         }
-        self.watch = Some(watch);
+        is_restored
     }
 
     /// (1) to (5) over all rows since the change.
-    fn outcome(&mut self, watch: &mut Watch) -> Option<RobotDoubt> {
+    fn outcome(&mut self, comparison: &mut Comparison, learner: &mut Learner) -> Option<RobotDoubt> {
         let unclear = Some(RobotDoubt::Unclear);
-        if !self.prepare_inquiry(watch, false) {
+        if !comparison.prepare_against(learner, &self.before, &self.sums) {
             return unclear;
         }
-        let (Some((ordinary, o)), Some((broken, b))) = (self.ordinary(watch), self.broken(watch)) else {
+        let (Some((ordinary, o)), Some((broken, b))) = (ordinary(comparison, learner), broken(comparison, learner))
+        else {
             return unclear;
         };
-        watch.inquiry.suspect = broken;
-        let is_late = watch.inquiry.slices >= LEAST;
+        self.suspect = broken;
+        let is_late = self.slices >= LEAST;
         if is_late && o.max(b) < NOTHING {
             return None; // (5)
         }
-        watch.inquiry.leans.rotate_left(1);
-        if let Some(lean) = watch.inquiry.leans.last_mut() {
+        self.leans.rotate_left(1);
+        if let Some(lean) = self.leans.last_mut() {
             *lean = o > b + CLEAR;
         }
         let is_heavy = ordinary == Suspect::Payload && o > b + SHARE * o;
-        if o > b + CLEAR && (is_late || is_heavy) && self.is_explained(watch, ordinary) {
+        if o > b + CLEAR && (is_late || is_heavy) && comparison.explains(learner, &self.before, ordinary, EXPLAINED) {
             return None; // (3)
         }
         if !(is_late && b > o + CLEAR) {
             return unclear;
         }
-        self.weigh_suspect(watch, broken)?; // (4)
-        let by = watch.evidence.extra[0];
+        let known = (&self.before.known, &self.before.fixed[..]);
+        let by = comparison.weigh(learner, known, broken)?[0]; // (4)
         match broken {
             Suspect::Slip(joint) if by.abs() < UNSEEN_RAD => Some(RobotDoubt::Slip { joint, by }),
             Suspect::Gain(joint) if (NOTABLE..CREDIBLE).contains(&by.abs()) => Some(RobotDoubt::Gain { joint, by }),
@@ -161,129 +195,55 @@ impl RobotIdentifier {
     }
 
     /// (6).
-    fn is_over(&mut self, watch: &mut Watch) -> bool {
-        let suspect = watch.inquiry.suspect;
-        if !self.prepare_inquiry(watch, true) {
+    fn is_over(&self, comparison: &mut Comparison, learner: &mut Learner) -> bool {
+        if !comparison.prepare_against(learner, &self.before, &self.last) {
             return false;
         }
-        let least = [self.ordinary(watch), self.broken(watch)].map(|best| best.is_some_and(|(_, gain)| gain < NOTHING));
-        least == [true; 2] && self.gain(watch, suspect).is_some_and(|gain| gain < REFUTED)
+        let likeliest = [ordinary(comparison, learner), broken(comparison, learner)];
+        let is_nothing = |best: Option<(Suspect, f64)>| best.is_some_and(|(_, gain)| gain < NOTHING);
+        let is_refuted = |gain: f64| gain < REFUTED;
+        likeliest.map(is_nothing) == [true; 2] && comparison.gain(learner, self.suspect).is_some_and(is_refuted)
     }
 
     /// Restores the information from before the change, if the payload is the same.
-    fn restore(&mut self, watch: &Watch) {
-        let inquiry = &watch.inquiry;
-        if inquiry.was_loaded != self.is_loaded || inquiry.fixed != self.fixed {
-            return;
+    fn restore(&self, learner: &mut Learner) -> bool {
+        if !self.before.is_of_present(learner) {
+            return false;
         }
-        if !self.condensed {
-            self.offset_drift.end();
-        }
-        self.condensed = true;
-        self.committed.copy_from(&inquiry.known);
-        self.pending.clear();
-        self.block_slices = 0;
-        self.forget_recent();
-        self.solve_known();
-    }
-
-    /// Prepares the comparison of all rows since, or of the last ones, with the information from
-    /// before; false if that cannot be solved.
-    fn prepare_inquiry(&mut self, watch: &mut Watch, last: bool) -> bool {
-        let inquiry = &watch.inquiry;
-        watch.theta.copy_from_slice(&inquiry.theta);
-        watch.effective.copy_from_slice(&inquiry.effective);
-        let sums = if last { &inquiry.last } else { &inquiry.sums };
-        for (window, sums) in watch.window.iter_mut().zip(sums) {
-            window.copy_from(sums);
-        }
-        let mut weight = [0.0; MAX_JOINTS];
-        for (weight, level) in weight.iter_mut().zip(&inquiry.level) {
-            *weight = level.powi(-2);
-        }
-        let was_loaded = inquiry.was_loaded;
-        self.weigh_rows(watch, &weight, was_loaded);
-        self.set_friction_std(watch);
-        watch
-            .evidence
-            .begin(&watch.inquiry.known, &watch.data, &watch.inquiry.fixed)
+        learner.past.restore(&self.before.known);
+        learner.pending.clear();
+        learner.forget_recent();
+        learner.solve_known();
+        true
     }
 
     /// Swaps the present state with that before the change; false if there was none. `system` then
     /// holds the information from before.
-    pub(super) fn swap_with_before(&mut self) -> bool {
-        let Some(watch) = self.watch.as_mut().filter(|watch| watch.inquiry.is_open()) else {
+    pub fn swap_with_before(&mut self, learner: &mut Learner) -> bool {
+        if !self.is_open() {
             return false;
-        };
-        let inquiry = &mut watch.inquiry;
-        self.system.copy_from(&inquiry.known);
-        std::mem::swap(&mut self.theta, &mut inquiry.theta);
-        std::mem::swap(&mut self.fixed, &mut inquiry.fixed);
-        std::mem::swap(&mut self.is_loaded, &mut inquiry.was_loaded);
+        }
+        let before = &mut self.before;
+        learner.system.copy_from(&before.known);
+        learner.estimate.swap(&mut before.theta, &mut before.fixed);
+        learner.flange.swap(&mut before.was_loaded);
         true
     }
+}
 
-    /// Begins an inquiry if an encoder has jumped.
-    pub(super) fn inquire_after_jump(&mut self) {
-        let Some(mut watch) = self.watch.take() else { return };
-        if !watch.inquiry.is_open() && self.blocks > 0 {
-            self.assemble(self.now());
-            self.begin_inquiry(&mut watch);
-        }
-        self.watch = Some(watch);
-    }
+/// (1).
+fn ordinary(comparison: &mut Comparison, learner: &Learner) -> Option<(Suspect, f64)> {
+    let one = (0..learner.arm.joints()).map(|joint| Suspect::Friction(Some(joint)));
+    let all = [Suspect::Payload, Suspect::Friction(None)];
+    comparison.likeliest(learner, all.into_iter().chain(one))
+}
 
-    /// The likeliest of these suspects on the last prepared rows.
-    fn likeliest(&self, watch: &mut Watch, suspects: impl Iterator<Item = Suspect>) -> Option<(Suspect, f64)> {
-        let mut best: Option<(Suspect, f64)> = None;
-        for suspect in suspects {
-            if let Some(gain) = self.gain(watch, suspect)
-                && best.is_none_or(|(_, most)| gain > most)
-            {
-                best = Some((suspect, gain));
-            }
-        }
-        best
-    }
-
-    /// (1).
-    fn ordinary(&self, watch: &mut Watch) -> Option<(Suspect, f64)> {
-        let one = (0..self.torque_std.len()).map(|joint| Suspect::Friction(Some(joint)));
-        self.likeliest(
-            watch,
-            [Suspect::Payload, Suspect::Friction(None)].into_iter().chain(one),
-        )
-    }
-
-    /// (2).
-    fn broken(&self, watch: &mut Watch) -> Option<(Suspect, f64)> {
-        let joints = 0..self.torque_std.len();
-        let turns = joints.clone().filter(|&joint| self.model.robot().joints[joint].turns);
-        let one = joints.map(|joint| Suspect::Gain(Some(joint)));
-        let all = [Suspect::Gain(None)].into_iter().chain(one);
-        self.likeliest(watch, all.chain(turns.map(Suspect::Slip)))
-    }
-
-    /// δ and x of a suspect on the last prepared rows, in `watch.evidence`.
-    fn weigh_suspect(&self, watch: &mut Watch, suspect: Suspect) -> Option<f64> {
-        let extra = self.extra(suspect, &watch.friction_std, &watch.gains);
-        let inquiry = &watch.inquiry;
-        watch.evidence.weigh(&inquiry.known, &watch.data, &inquiry.fixed, extra)
-    }
-
-    /// True if the residuals with this suspect are no larger than usual.
-    fn is_explained(&self, watch: &mut Watch, suspect: Suspect) -> bool {
-        if self.weigh_suspect(watch, suspect).is_none() {
-            return false;
-        }
-        let Watch { evidence, changed, .. } = watch;
-        self.effective_if(watch.inquiry.was_loaded, &evidence.delta, changed);
-        let extra = self.extra(suspect, &watch.friction_std, &watch.gains);
-        extra.add(&evidence.extra, changed);
-        // the origin of the sums is the estimate from before
-        watch.window.iter().zip(&watch.inquiry.level).all(|(sums, level)| {
-            let allowed = (EXPLAINED * level).powi(2) * sums.rows as f64;
-            sums.residual_square(changed) <= allowed
-        })
-    }
+/// (2).
+pub(super) fn broken(comparison: &mut Comparison, learner: &Learner) -> Option<(Suspect, f64)> {
+    let joints = 0..learner.arm.joints();
+    let turning = &learner.arm.model.robot().joints;
+    let turns = joints.clone().filter(|&joint| turning[joint].turns);
+    let one = joints.map(|joint| Suspect::Gain(Some(joint)));
+    let all = [Suspect::Gain(None)].into_iter().chain(one);
+    comparison.likeliest(learner, all.chain(turns.map(Suspect::Slip)))
 }

@@ -38,8 +38,6 @@ const WHITE: f64 = 0.2;
 const MOVING: f64 = 0.1;
 /// Friction below this share of the torque is ignored.
 const LEAST_FRICTION: f64 = 0.01;
-/// Standard deviation of a delay below which a lag of velocities does no harm \[s\].
-const LEAST_DELAY_S: f64 = 1e-4;
 /// Number of samples in the sums.
 const ENOUGH: usize = 2000;
 
@@ -106,33 +104,6 @@ fn clipped(joint: usize, rest_speed: f64, log: &[RobotSample]) -> Option<RobotSu
     let (value, share) = largest.clipped()?;
     let percent = 100.0 * share;
     Some(RobotSuspicion::Clipped { joint, value, percent })
-}
-
-impl RobotIdentifier {
-    /// The first joint whose measured velocities are not the rate of change of its positions.
-    pub fn wrong_velocities(&self) -> Option<WrongVelocities> {
-        // those formed from the positions cannot lag
-        let considered_s = match self.options.formed_over_s {
-            Some(_) => f64::INFINITY,
-            None => self.options.delay_s.max(LEAST_DELAY_S),
-        };
-        self.velocity_ratios.wrong(considered_s)
-    }
-
-    /// The first joint whose torque is clipped while it moves, with the limit \[N m or N\].
-    pub fn clipped(&self) -> Option<(usize, f64)> {
-        (0..self.model.robot().len()).find_map(|joint| Some((joint, self.rows.clipped(joint)?.0)))
-    }
-
-    /// The joint whose torque the model explains least over the last blocks, with the explained
-    /// share of its power, if that was below [`LEAST_EXPLAINED`](super::LEAST_EXPLAINED) and has
-    /// hardly risen since.
-    pub fn unexplained(&self) -> Option<(usize, f64)> {
-        let lacking = |joint: &usize| self.recent_rows.lacking[*joint];
-        let shares = (0..self.model.robot().len()).filter(lacking);
-        let shares = shares.map(|joint| (joint, self.figures.explained[joint]));
-        shares.min_by(|a, b| a.1.total_cmp(&b.1))
-    }
 }
 
 /// Suspicions about an identification, from the filtered samples of its log.

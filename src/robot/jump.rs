@@ -17,7 +17,7 @@
 //! their step, in the same sample (6), then it is repeated, or one before it is lost: no encoder
 //! slipped.
 
-use super::inquiry_room::RobotDoubt;
+use super::doubt::RobotDoubt;
 use super::state::RobotSample;
 use super::tree::Robot;
 use crate::model::MAX_JOINTS;

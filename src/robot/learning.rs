@@ -1,45 +1,196 @@
-//! Processing of a block: weights (2) and (3), estimates (1), the random walk of friction (4) of
-//! [`identify`](super::identify).
+//! Estimation from the rows of a robot, (1) to (4) of [`identify`](super::identify).
 
-use super::block_scatter_room::BlockScatter;
-use super::identify::RobotIdentifier;
+use super::estimate::Estimate;
+use super::flange::Flange;
+use super::friction_walk::FrictionWalk;
+use super::identify_options::IdentifyOptions;
 use super::information::{Information, Solver};
-use super::left_out_room::LeftOut;
-use super::model::RobotModel;
-use super::offset_drift::{Offsets, Origin};
+use super::levels::MisfitLevels;
+use super::model::{RobotModel, RobotParameter};
+use super::offset_drift::{DriftTerm, Origin};
+use super::open_block::OpenBlock;
+use super::past::Past;
 use super::payload::Payload;
+use super::recent::PendingRows;
+use super::recent_blocks::RecentBlocks;
 use super::spatial::BodyParameters;
 use super::sums::JointSums;
-use std::ops::Range;
+use super::unmodelled::{LeftOutTerm, Unmodelled};
 
-/// Weight, in blocks, of f_j² from before a change.
-const KEPT_INFLATION: f64 = 8.0;
-/// Averaging time of σ_j² after settling, in blocks.
-const FOLLOWED_BLOCKS: f64 = 20.0;
-/// Smallest σ_j relative to the joint's mean torque, because a perfect simulation has no residual.
-pub(super) const SMALLEST_STD: f64 = 1e-9;
-/// The same while a joint has hardly more rows than its share of the parameters, so that almost any
-/// data fit.
-const UNTRIED_STD: f64 = 0.02;
+/// Length of a slice \[s\]: the period of the test for changes.
+pub(super) const SLICE_S: f64 = 0.25;
+/// Number of slices kept separate.
+const SLICES: usize = 8;
+/// Duration of the rows kept \[s\]: those of the slices and of the open one.
+const KEPT_S: f64 = (SLICES + 4) as f64 * SLICE_S;
+/// Iterations of (1) and (2) per block while settling.
+const ITERATIONS: usize = 4;
+/// Blocks after which the estimate gives the mass matrix better than the URDF.
+pub(super) const TRIED: usize = 3;
 /// Rows per parameter above which residuals show the noise.
 pub(super) const ROWS_PER_PARAMETER: f64 = 2.0;
-/// Smallest size of a parameter for its excitation, relative to its prior.
-const SMALLEST_SIZE: f64 = 1e-3;
 
-impl RobotIdentifier {
-    /// (2) and (3) over all data so far.
-    pub(super) fn weigh_all(&mut self) {
-        self.pending.add_to(self.pending.len(), &self.total, &mut self.all);
-        for (joint, sums) in self.all.iter().enumerate().filter(|(_, sums)| sums.rows > 0) {
-            let rows = sums.rows as f64;
-            let own = self.model.friction_of(joint).len().max(1) as f64;
-            let variance = sums.residual_square(&self.effective) / (rows - own).max(1.0); // (2)
-            let share = self.parameters.len() as f64 / self.model.robot().len() as f64;
-            let untried = (ROWS_PER_PARAMETER - self.independent(sums) / share).clamp(0.0, 1.0);
-            let floor = (sums.square / rows).sqrt() * (SMALLEST_STD + UNTRIED_STD * untried);
-            self.torque_std[joint] = variance.sqrt().max(floor).max(f64::MIN_POSITIVE.sqrt());
+/// What the rows of a robot depend on, in the order of θ: the parameters of the arm, then those of
+/// the payload if one is estimated, then the terms that the model leaves out, then the slopes of
+/// the offsets.
+#[derive(Debug, Clone)]
+pub(super) struct Arm {
+    pub model: RobotModel,
+    /// The same model, with additional columns for the terms and the slopes.
+    pub wide: RobotModel,
+    /// Those of the arm and of the payload.
+    pub parameters: Vec<RobotParameter>,
+}
+
+/// The part of θ after the parameters.
+pub(super) struct Beyond {
+    pub terms: Vec<LeftOutTerm>,
+    pub drifts: Vec<DriftTerm>,
+    /// Number of parameters and terms, and the same with the slopes.
+    pub n: usize,
+    pub acting: usize,
+}
+
+impl Beyond {
+    /// The parameters that are the zeros of the encoders; `None` for a joint that does not turn.
+    pub fn zeros(&self, joints: usize) -> Vec<Option<[usize; 1]>> {
+        let zero = |joint| {
+            let is_zero = |term: &&LeftOutTerm| term.what == Unmodelled::Zero { joint };
+            self.terms.iter().find(is_zero).map(|term| [term.index])
+        };
+        (0..joints).map(zero).collect()
+    }
+}
+
+impl Arm {
+    /// Of this model, with or without a payload, and what it leaves out.
+    pub fn new(model: RobotModel, payload: Option<&Payload>) -> (Self, Beyond) {
+        let mut parameters = model.parameters().to_vec();
+        parameters.extend(payload.into_iter().flat_map(Payload::parameters));
+        let (wide, terms, drifts) = model.with_left_out(parameters.len());
+        let n = parameters.len() + terms.len();
+        let beyond = Beyond {
+            acting: n + drifts.len(),
+            n,
+            terms,
+            drifts,
+        };
+        let arm = Self {
+            model,
+            wide,
+            parameters,
+        };
+        (arm, beyond)
+    }
+
+    /// Number of joints.
+    pub fn joints(&self) -> usize {
+        self.model.robot().len()
+    }
+
+    /// Sums without rows, per joint.
+    pub fn empty_sums(&self) -> Vec<JointSums> {
+        (0..self.joints())
+            .map(|joint| JointSums::new(self.wide.columns(joint)))
+            .collect()
+    }
+
+    /// Λ₀ and Λ₀ θ₀ without a payload.
+    fn prior(&self, beyond: &Beyond) -> Information {
+        let mut prior = Information::new(beyond.n);
+        for (i, parameter) in self.model.parameters().iter().enumerate() {
+            prior.set_prior(i, parameter.nominal, parameter.scale);
         }
-        self.inflate();
+        for term in &beyond.terms {
+            prior.set_prior(term.index, 0.0, term.scale);
+        }
+        prior
+    }
+}
+
+/// Estimates the parameters from rows; allocates only at the start.
+#[derive(Debug, Clone)]
+pub(super) struct Learner {
+    pub arm: Arm,
+    pub options: IdentifyOptions,
+    pub flange: Flange,
+    pub open: OpenBlock,
+    pub pending: PendingRows,
+    pub recent: RecentBlocks,
+    pub levels: MisfitLevels,
+    pub past: Past,
+    pub estimate: Estimate,
+    pub friction: FrictionWalk,
+    /// Workspace: information on the parameters, and its solution.
+    pub system: Information,
+    pub solver: Solver,
+    /// Blocks so far.
+    pub blocks: usize,
+    /// Time of the newest sample since the start, without that between recordings \[s\].
+    pub now_s: f64,
+}
+
+impl Learner {
+    /// Without rows; `payload` is `None` if none is estimated.
+    pub fn new(arm: Arm, beyond: &Beyond, payload: Option<Payload>, options: IdentifyOptions) -> Self {
+        let empty = arm.empty_sums();
+        let (slices, windows) = match payload {
+            Some(_) => (SLICES, (KEPT_S / options.windows.stride_s).ceil() as usize + 1),
+            None => (0, 0),
+        };
+        let kept_blocks = (SLICES as f64 * SLICE_S / options.block_s).ceil() as usize + 1;
+        let is_drifting = options.friction_walk > 0.0;
+        Self {
+            flange: Flange::new(payload.map(|payload| payload.over_columns(beyond.acting))),
+            open: OpenBlock::new(beyond.acting, &empty),
+            pending: PendingRows::new(slices, windows, &empty),
+            recent: RecentBlocks::new(&empty),
+            levels: MisfitLevels::new(empty.len(), kept_blocks),
+            past: Past::new(arm.prior(beyond), beyond.drifts.clone(), is_drifting, &empty),
+            estimate: Estimate::new(&arm.parameters, beyond.n, beyond.acting),
+            friction: FrictionWalk::new(&arm.model, options.friction_walk),
+            system: Information::new(beyond.n),
+            solver: Solver::new(beyond.n),
+            blocks: 0,
+            now_s: 0.0,
+            arm,
+            options,
+        }
+    }
+
+    /// Forgets all data and fixed parameters.
+    pub fn reset(&mut self) {
+        self.open.clear();
+        self.pending.reset();
+        self.recent.clear();
+        self.levels.reset();
+        self.past.reset();
+        self.flange.unload();
+        (self.blocks, self.now_s) = (0, 0.0);
+        self.estimate.reset(&self.flange, &self.past);
+        self.open.set_mass(self.estimate.effective());
+    }
+
+    /// Drops all blocks so far; levels and estimate stay.
+    pub fn forget_blocks(&mut self) {
+        self.open.clear();
+        self.pending.clear_recording();
+        self.recent.clear();
+        self.past.reset();
+        self.blocks = 0;
+        self.estimate.refresh_effective(&self.flange, &self.past);
+    }
+
+    /// Forgets the recent blocks, which are of another machine, but not their levels.
+    pub fn forget_recent(&mut self) {
+        self.recent.clear();
+        self.levels.carry_over();
+    }
+
+    /// Share of the rows that do not overlap.
+    pub fn independent_share(&self) -> f64 {
+        let windows = &self.options.windows;
+        (windows.stride_s / windows.length_s).min(1.0)
     }
 
     /// Rows of a joint that do not overlap.
@@ -47,380 +198,210 @@ impl RobotIdentifier {
         sums.rows as f64 * self.independent_share()
     }
 
-    /// Share of the rows that do not overlap.
-    pub(super) fn independent_share(&self) -> f64 {
-        let windows = &self.options.windows;
-        (windows.stride_s / windows.length_s).min(1.0)
-    }
-
     /// True if there are enough rows to distinguish a change from what is still unknown.
-    pub(super) fn has_enough_rows(&self) -> bool {
-        let rows: f64 = self.all.iter().map(|sums| self.independent(sums)).sum();
-        self.condensed || rows >= ROWS_PER_PARAMETER * self.parameters.len() as f64
-    }
-
-    /// (3) over the recent blocks.
-    pub(super) fn inflate(&mut self) {
-        for joint in 0..self.model.robot().len() {
-            let friction = self.model.friction_of(joint).len();
-            let (assumed, weight) = (self.assumed.0[joint], self.assumed.1);
-            let (mut sum, mut count) = (assumed * weight, weight);
-            for block in self.recent.iter().take(self.recent_blocks) {
-                let sums = &block[joint];
-                if sums.rows == 0 || friction == 0 {
-                    continue;
-                }
-                let end = self.model.columns(joint).len();
-                if let Some((square, directions)) = friction_misfit(sums, end - friction..end, &self.effective) {
-                    sum += square / (directions * self.torque_std[joint].powi(2)); // (3)
-                    count += 1.0;
-                }
-            }
-            self.inflation[joint] = (sum / count).sqrt().max(1.0);
-        }
-    }
-
-    /// Estimates the drift of friction from the mean, which is its estimate.
-    pub(super) fn look_for_drift(&mut self) {
-        self.drift.reset();
-        if self.options.friction_walk == 0.0 {
-            return;
-        }
-        for joint in 0..self.torque_std.len() {
-            let own = self.model.friction_of(joint);
-            let end = self.model.columns(joint).len();
-            let (kept, blocks) = (self.recent.len(), self.recent_blocks);
-            let last = (1..=blocks.min(kept)).map(|age| &self.recent[(blocks - age) % kept][joint]);
-            let level = self.torque_std[joint] * self.inflation[joint];
-            let columns = end - own.len()..end;
-            self.drift.look_at(last, (columns, own), &self.effective, level);
-        }
-    }
-
-    /// Estimates the effect of the torques' resolution on friction.
-    pub(super) fn look_for_counts(&mut self) {
-        for joint in 0..self.torque_std.len() {
-            let own = self.model.friction_of(joint);
-            let end = self.model.columns(joint).len();
-            let blocks = self.recent.iter().take(self.recent_blocks).map(|block| &block[joint]);
-            let size = |i: usize| self.parameters[i].scale;
-            self.counts.look_at(joint, blocks, (end - own.len()..end, own), size);
-        }
-    }
-
-    /// Drops the recent blocks, which are of another machine; keeps f_j and x_i.
-    pub(super) fn forget_recent(&mut self) {
-        self.recent_blocks = 0;
-        self.block_scatter.iter_mut().for_each(BlockScatter::carry_over);
-        for (assumed, inflation) in self.assumed.0.iter_mut().zip(&self.inflation) {
-            *assumed = inflation * inflation;
-        }
-        self.assumed.1 = KEPT_INFLATION;
-    }
-
-    pub(super) fn weight(&self, joint: usize) -> f64 {
-        weights(&self.inflation, &self.torque_std)(joint)
-    }
-
-    /// The prior and `total` as information, for the payload carried during all of it; offsets are
-    /// constant if their drift is `None`.
-    pub(super) fn of_total(
-        model: &RobotModel,
-        total: &[JointSums],
-        weight: impl Fn(usize) -> f64,
-        (mut load, left_out): (Option<&mut Payload>, Option<&LeftOut>),
-        mut drift: Option<Offsets<'_>>,
-        into: &mut Information,
-    ) {
-        into.clear();
-        for (i, parameter) in model.parameters().iter().enumerate() {
-            into.set_prior(i, parameter.nominal, parameter.scale);
-        }
-        if let Some(payload) = &load {
-            for (i, std) in payload.indices().zip(payload.prior) {
-                into.set_prior(i, 0.0, std);
-            }
-        }
-        if let Some(left_out) = left_out {
-            left_out.set_priors(into);
-        }
-        for (joint, sums) in total.iter().enumerate().filter(|(_, sums)| sums.rows > 0) {
-            let sums = match &mut drift {
-                Some((drift, origin, fixed)) => drift.eliminate(joint, sums, weight(joint), (*origin, fixed)),
-                None => sums,
-            };
-            learn(sums, weight(joint), load.as_deref_mut(), into); // (1)
-        }
-    }
-
-    /// (1) over all data so far.
-    pub(super) fn solve_all(&mut self) {
-        let weight = weights(&self.inflation, &self.torque_std);
-        let load = self.payload.as_mut().filter(|_| self.is_loaded);
-        let besides = (load, self.left_out.as_ref());
-        let offsets = Some((&mut self.offset_drift, Origin::Mean, &self.fixed[..]));
-        Self::of_total(&self.model, &self.all, weight, besides, offsets, &mut self.system);
-        self.solver.solve(&self.system, &self.fixed, &mut self.theta); // (1)
-        let mut effective = std::mem::take(&mut self.effective);
-        self.effective_if(self.is_loaded, &self.theta, &mut effective);
-        let now = (&self.fixed[..], self.rows.elapsed_s());
-        self.offset_drift.estimate(&self.all, weight, now, &mut effective);
-        self.effective = effective;
-    }
-
-    /// Condenses the sums into the information; the weights of past data are final from here on.
-    pub(super) fn condense(&mut self) {
-        if !self.condensed {
-            self.condensed = true;
-            let weight = weights(&self.inflation, &self.torque_std);
-            let load = self.payload.as_mut().filter(|_| self.is_loaded);
-            let besides = (load, self.left_out.as_ref());
-            let now_s = self.rows.elapsed_s();
-            let offsets = Some((&mut self.offset_drift, Origin::At(now_s), &self.fixed[..]));
-            Self::of_total(&self.model, &self.total, weight, besides, offsets, &mut self.committed);
-            self.offset_drift.move_offsets(&mut self.theta, now_s);
-            for (joint, sums) in self.recent.iter_mut().flat_map(|block| block.iter_mut().enumerate()) {
-                self.offset_drift.remove_from(joint, sums, now_s);
-            }
-            self.offset_drift.end();
-            self.refresh_effective();
-        }
-    }
-
-    /// Writes the information of the first `slices` pending slices and of all data before them to
-    /// `system`, with offsets at `origin`.
-    pub(super) fn assemble_older(&mut self, slices: usize, origin: Origin) {
-        if !self.condensed {
-            self.pending.add_to(slices, &self.total, &mut self.older);
-            let weight = weights(&self.inflation, &self.torque_std);
-            let load = self.payload.as_mut().filter(|_| self.is_loaded);
-            let besides = (load, self.left_out.as_ref());
-            let offsets = Some((&mut self.offset_drift, origin, &self.fixed[..]));
-            Self::of_total(&self.model, &self.older, weight, besides, offsets, &mut self.system);
-            return;
-        }
-        self.system.copy_from(&self.committed);
-        for age in 0..slices {
-            for joint in 0..self.block.len() {
-                let weight = self.weight(joint);
-                let sums = &self.pending.get(age).sums[joint];
-                if sums.rows > 0 {
-                    let load = self.payload.as_mut().filter(|_| self.is_loaded);
-                    learn(sums, weight, load, &mut self.system);
-                }
-            }
-        }
-    }
-
-    /// Writes the information with all slices to `system`, with offsets at `origin`.
-    pub(super) fn assemble(&mut self, origin: Origin) {
-        self.assemble_older(self.pending.len(), origin);
+    pub fn has_enough_rows(&self) -> bool {
+        let rows: f64 = self.past.all().iter().map(|sums| self.independent(sums)).sum();
+        self.past.is_condensed() || rows >= ROWS_PER_PARAMETER * self.arm.parameters.len() as f64
     }
 
     /// The present, for offsets.
-    pub(super) fn now(&self) -> Origin {
-        Origin::At(self.rows.elapsed_s())
+    pub fn now(&self) -> Origin {
+        Origin::At(self.now_s)
+    }
+
+    /// The parameters of an arm that is equivalent to these parameters with offsets at `origin`.
+    pub fn effective_of(&self, theta: &[f64], origin: Origin, out: &mut [f64]) {
+        self.flange.effective(theta, out);
+        self.past.add_slopes(out, origin);
+    }
+
+    /// The same with the slopes of the offsets that belong to these parameters.
+    pub fn effective_with(&self, theta: &[f64], out: &mut [f64]) {
+        self.flange.effective(theta, out);
+        self.past.refit_slopes(&self.levels, self.estimate.fixed(), out);
+    }
+
+    /// Estimates with the open block: from all rows so far, or, once they are condensed, from their
+    /// information. `changed` is true if the machine has changed within it.
+    pub fn learn_block(&mut self, changed: bool) {
+        if self.past.is_condensed() {
+            let time_s = self.options.block_s;
+            self.friction
+                .advance(&self.estimate, time_s, &mut self.past, &mut self.solver);
+            self.add_open();
+            self.solve_known();
+            if !changed {
+                self.levels.follow_std(self.open.sums(), self.estimate.effective());
+                self.learn_inflation();
+            }
+            return;
+        }
+        self.add_open();
+        for _ in 0..ITERATIONS {
+            self.learn_levels();
+            self.solve_all();
+        }
+        self.estimate.solve_covariance(&mut self.solver, &self.system);
+    }
+
+    /// Adds the open block to the past, unless its slices are pending.
+    fn add_open(&mut self) {
+        if !self.flange.has_payload() {
+            self.past.add(self.open.sums(), &self.levels, &mut self.flange);
+        }
+    }
+
+    /// (2) and (3) over all data so far.
+    fn learn_levels(&mut self) {
+        self.past.sum_up(&self.pending);
+        let share = self.arm.parameters.len() as f64 / self.arm.joints() as f64;
+        for (joint, sums) in self.past.all().iter().enumerate().filter(|(_, sums)| sums.rows > 0) {
+            let friction = self.arm.model.friction_of(joint).len();
+            let untried = (ROWS_PER_PARAMETER - self.independent(sums) / share).clamp(0.0, 1.0);
+            self.levels
+                .learn_std(joint, sums, self.estimate.effective(), friction, untried);
+        }
+        self.learn_inflation();
+    }
+
+    fn learn_inflation(&mut self) {
+        self.levels
+            .learn_inflation(&self.arm.model, &self.recent, self.estimate.effective());
+    }
+
+    /// (1) over all data so far.
+    fn solve_all(&mut self) {
+        let Self {
+            levels,
+            flange,
+            past,
+            estimate,
+            ..
+        } = self;
+        past.write_all(levels, flange, estimate.fixed(), &mut self.system);
+        estimate.solve(&mut self.solver, &self.system); // (1)
+        let now_s = self.now_s;
+        estimate.renew_effective(flange, |fixed, effective| {
+            past.estimate_slopes(levels, fixed, now_s, effective);
+        });
+    }
+
+    /// Recomputes θ̂ and P from the present information.
+    pub fn solve_known(&mut self) {
+        self.assemble(Origin::Mean);
+        self.estimate.solve(&mut self.solver, &self.system);
+        self.past.forget_lag();
+        self.estimate.solve_covariance(&mut self.solver, &self.system);
+        self.estimate.refresh_effective(&self.flange, &self.past);
+    }
+
+    /// Writes the information with all slices to `system`, with offsets at `origin`.
+    pub fn assemble(&mut self, origin: Origin) {
+        self.assemble_older(self.pending.len(), origin);
+    }
+
+    /// The same with the first `slices` pending slices only.
+    pub fn assemble_older(&mut self, slices: usize, origin: Origin) {
+        let offsets = (origin, self.estimate.fixed());
+        let pending = (&self.pending, slices);
+        self.past
+            .write(pending, &self.levels, &mut self.flange, offsets, &mut self.system);
     }
 
     /// Commits the oldest pending slices.
-    pub(super) fn commit_pending(&mut self, count: usize) {
+    pub fn commit_pending(&mut self, count: usize) {
         for _ in 0..count {
             let Some(slice) = self.pending.pop() else { return };
-            if !self.condensed {
-                for (total, sums) in self.total.iter_mut().zip(&slice.sums) {
-                    total.add(sums);
-                }
-                continue;
+            self.past.add(&slice.sums, &self.levels, &mut self.flange);
+        }
+    }
+
+    /// Ends the open slice: adds it to the block, and keeps it separate if a payload is estimated.
+    /// False if it has no rows.
+    pub fn end_slice(&mut self) -> bool {
+        if self.open.has_empty_slice() {
+            return false;
+        }
+        self.open.add_slice();
+        if self.flange.has_payload() {
+            if self.pending.is_full() {
+                self.commit_pending(1);
             }
-            for (joint, sums) in slice.sums.iter().enumerate().filter(|(_, sums)| sums.rows > 0) {
-                let weight = weights(&self.inflation, &self.torque_std)(joint);
-                let load = self.payload.as_mut().filter(|_| self.is_loaded);
-                learn(sums, weight, load, &mut self.committed);
-            }
+            self.pending.push(self.open.slice_begin_s(), self.open.slice());
+        }
+        true
+    }
+
+    /// Condenses the past: its weights are final from here on.
+    pub fn condense(&mut self) {
+        if !self.past.is_condensed() {
+            let Self {
+                levels,
+                flange,
+                past,
+                estimate,
+                recent,
+                ..
+            } = self;
+            past.condense(levels, flange, estimate.parts_mut(), recent, self.now_s);
+            estimate.refresh_effective(flange, past);
         }
     }
 
-    /// (4).
-    pub(super) fn walk_friction(&mut self) {
-        if self.options.friction_walk == 0.0 {
-            return;
-        }
-        let n = self.theta.len();
-        for (k, &i) in self.frictions.iter().enumerate() {
-            let size = self.theta[i].abs().max(self.covariance[i * n + i].max(0.0).sqrt());
-            let per_s = (self.options.friction_walk * size).powi(2); // (4)
-            self.walk[k] = per_s.max(self.offset_drift.walk_per_s(i)) * self.options.block_s;
-        }
-        self.solver.walk(&mut self.committed, &self.frictions, &self.walk);
-    }
-
-    /// (1) for one more block, with σ_j followed.
-    pub(super) fn follow(&mut self, changed: bool) {
-        if self.payload.is_none() {
-            for joint in 0..self.block.len() {
-                if self.block[joint].rows > 0 {
-                    let weight = self.weight(joint);
-                    learn(&self.block[joint], weight, None, &mut self.committed); // (1)
-                }
-            }
-        }
-        self.solve_known();
-        if changed {
-            return;
-        }
-        for (joint, sums) in self.block.iter().enumerate().filter(|(_, sums)| sums.rows > 0) {
-            let variance = sums.residual_square(&self.effective) / sums.rows as f64;
-            let kept = self.torque_std[joint].powi(2);
-            let floor = (sums.square / sums.rows as f64).sqrt() * SMALLEST_STD;
-            self.torque_std[joint] = (kept + (variance - kept) / FOLLOWED_BLOCKS).sqrt().max(floor);
-        }
-        self.inflate();
-    }
-
-    /// Allows any payload from now on and drops all information on it.
-    pub(super) fn load(&mut self) {
-        self.forget_gains();
-        let Some(payload) = &self.payload else { return };
-        self.is_loaded = true;
-        for (p, i) in payload.indices().enumerate() {
-            self.fixed[i] = false;
-            self.committed.set_prior(i, 0.0, payload.prior[p]);
-        }
-    }
-
-    /// Keeps the information on the arm when the payload is removed: all of it if the payload was
-    /// declared; if it was estimated, the part that holds for any payload.
-    pub(super) fn marginalise_payload(&mut self) {
-        match self.carried.iter().all(|i| self.fixed[*i]) {
-            true => Solver::condition(&mut self.committed, &self.carried, &self.theta),
-            false => self.solver.marginalise(&mut self.committed, &self.carried),
-        }
+    /// Makes friction uncertain by this part of its size.
+    pub fn widen_friction(&mut self, part: f64) {
+        self.friction
+            .widen(part, &self.estimate, &mut self.past, &mut self.solver);
     }
 
     /// Commits all data so far before the payload changes. Before the first block there are no
     /// weights yet, so the part of a block is dropped instead.
-    pub(super) fn begin_load(&mut self) {
-        if self.blocks > 0 || self.condensed {
+    pub fn begin_load(&mut self) {
+        if self.blocks > 0 || self.past.is_condensed() {
             self.condense();
             self.commit_pending(usize::MAX);
             return;
         }
-        for sums in [&mut self.block, &mut self.slice, &mut self.total]
-            .into_iter()
-            .flatten()
-        {
-            sums.clear();
-        }
+        self.open.clear();
+        self.past.reset();
         self.pending.clear();
-        self.block_slices = 0;
     }
 
-    /// Declares the payload from now on, instead of detecting it: `None` for nothing, otherwise ten
-    /// parameters at the flange, which are fixed. Does nothing if the payload is not among the
-    /// parameters. The test for changes continues, so a contradiction of the declaration is found.
-    pub fn declare_payload(&mut self, body: Option<&BodyParameters>) {
-        if self.payload.is_none() {
-            return;
+    /// Allows any payload from now on and drops all information on it.
+    pub fn load(&mut self) {
+        self.flange.load();
+        for &i in self.flange.parameters() {
+            self.estimate.release(i);
         }
+        self.past.allow_payload(&self.flange);
+    }
+
+    /// Removes the payload.
+    pub fn unload(&mut self) {
+        self.flange.unload();
+        for &i in self.flange.parameters() {
+            self.estimate.fix(i, 0.0);
+        }
+    }
+
+    /// Keeps the information on the arm when the payload is removed.
+    pub fn forget_payload(&mut self) {
+        let (fixed, theta) = self.estimate.parts_mut();
+        self.past.forget_payload(&mut self.solver, &self.flange, fixed, theta);
+    }
+
+    /// Declares the payload from now on: `None` for nothing, otherwise it is fixed.
+    pub fn declare_payload(&mut self, body: Option<&BodyParameters>) {
         self.begin_load();
-        if self.is_loaded && self.condensed {
-            self.marginalise_payload();
+        if self.flange.is_loaded() && self.past.is_condensed() {
+            self.forget_payload();
         }
         self.unload();
         if let Some(body) = body {
             self.load();
-            for (&i, value) in self.carried.iter().zip(body.0) {
-                (self.fixed[i], self.theta[i]) = (true, value);
+            for (&i, value) in self.flange.parameters().iter().zip(body.0) {
+                self.estimate.fix(i, value);
             }
         }
-        if let Some(watch) = &mut self.watch {
-            watch.doubt = 0;
-        }
-        self.solve_known();
     }
-
-    /// Removes the payload.
-    pub(super) fn unload(&mut self) {
-        self.forget_gains();
-        let Some(payload) = &self.payload else { return };
-        self.is_loaded = false;
-        for i in payload.indices() {
-            (self.fixed[i], self.theta[i]) = (true, 0.0);
-        }
-    }
-
-    pub(super) fn refresh_effective(&mut self) {
-        let mut effective = std::mem::take(&mut self.effective);
-        self.effective_of(&self.theta, Origin::Mean, &mut effective);
-        self.effective = effective;
-    }
-
-    /// Records the excitation of each parameter by the block alone.
-    pub(super) fn note_excitation(&mut self) {
-        let n = self.theta.len();
-        let own = self.parameters.len();
-        self.gain.clear();
-        for joint in 0..self.block.len() {
-            if self.block[joint].rows > 0 {
-                let weight = self.weight(joint);
-                let load = self.payload.as_mut().filter(|_| self.is_loaded);
-                learn(&self.block[joint], weight, load, &mut self.gain);
-            }
-        }
-        for i in 0..own {
-            self.size[i] = self.theta[i].abs().max(SMALLEST_SIZE * self.parameters[i].scale);
-            self.gain.matrix[i * n + i] += self.size[i].powi(-2);
-        }
-        self.figures
-            .of_gain(&mut self.solver, &self.gain, &self.fixed, &self.size);
-    }
-}
-
-/// 1/(f_j σ_j)² of (1), for each joint.
-fn weights(inflation: &[f64], torque_std: &[f64]) -> impl Fn(usize) -> f64 + Copy {
-    move |joint| (inflation[joint] * torque_std[joint]).powi(-2)
-}
-
-/// Adds weight · (A, b) of a joint's rows, for a robot with or without payload.
-pub(super) fn learn(sums: &JointSums, weight: f64, load: Option<&mut Payload>, into: &mut Information) {
-    sums.scatter(weight, into); // (1)
-    if let Some(payload) = load {
-        payload.scatter(sums, weight, into);
-    }
-}
-
-/// eᵀ (FᵀF)⁻¹ e over these friction columns of one block, and its number of directions.
-pub(super) fn friction_misfit(sums: &JointSums, friction: Range<usize>, theta: &[f64]) -> Option<(f64, f64)> {
-    const MOST: usize = 8;
-    const DEPENDENT: f64 = 1e-6;
-    let m = sums.columns().len();
-    let first = friction.start;
-    // Cholesky without square roots; a column that depends on those before it, as in a block
-    // without a reversal, adds no direction.
-    let mut l = [[0.0; MOST]; MOST];
-    let mut d = [0.0; MOST];
-    let mut e = [0.0; MOST];
-    let (mut square, mut directions) = (0.0, 0.0);
-    for i in 0..friction.len().min(MOST) {
-        let row = &sums.gram[(first + i) * m + first..(first + i + 1) * m];
-        e[i] = sums.gradient(first + i, theta);
-        let mut pivot = row[i];
-        for j in 0..i {
-            if d[j] > 0.0 {
-                let mut v = row[j];
-                for k in 0..j {
-                    v -= l[i][k] * l[j][k] * d[k];
-                }
-                l[i][j] = v / d[j];
-                pivot -= l[i][j] * l[i][j] * d[j];
-                e[i] -= l[i][j] * e[j];
-            }
-        }
-        if pivot > DEPENDENT * row[i] {
-            d[i] = pivot;
-            square += e[i] * e[i] / pivot;
-            directions += 1.0;
-        }
-    }
-    (directions > 0.0).then_some((square, directions))
 }

@@ -57,14 +57,12 @@
 //! Sources: C. R. Rao, Proc. Cambridge Phil. Soc. 44 (1948); K.-Y. Liang, S. Zeger, Biometrika 73
 //! (1986).
 
+use super::estimate::Estimate;
 use super::friction::FrictionTerm;
-use super::identify::RobotIdentifier;
-use super::learning::friction_misfit;
+use super::learning::Learner;
 use super::left_out_room::{LeftOut, LeftOutCause, ROUNDING};
-use super::sums::JointSums;
 use super::unmodelled::{LeftOutTerm, Unmodelled};
 use crate::model::MAX_JOINTS;
-use std::ops::Range;
 
 /// z above which a term is named, and below which it no longer is.
 const NAMED: (f64, f64) = (6.0, 4.0);
@@ -89,54 +87,42 @@ const NOT_CONSIDERED: f64 = 3.0;
 /// Standard deviations allow only for terms whose information is well above rounding.
 const TOLD_APART: f64 = 2.0 * ROUNDING;
 
-impl RobotIdentifier {
-    /// The missing term that makes estimates wrong, if the residuals show one: the model then does
-    /// not describe the machine. Zeros so wrong that they contradict the URDF are reported only by
-    /// [`contradiction`](Self::contradiction), because a slope does not give their size.
-    pub fn left_out_cause(&self) -> Option<LeftOutCause> {
-        let found = self.left_out.as_ref()?.found?;
-        let is_contradiction = found.what.is_considered() && self.contradiction().is_some();
-        (!is_contradiction).then_some(found)
-    }
-
+impl LeftOut {
     /// Searches for missing terms after a block.
-    pub(super) fn look_for_left_out(&mut self) {
-        if self.recent_blocks == 0 {
+    pub fn look_at_block(&mut self, learner: &Learner) {
+        if learner.recent.count() == 0 {
             return;
         }
-        let Some(mut left_out) = self.left_out.take() else {
-            return;
-        };
-        left_out.believed = 0;
-        if left_out.solve(&self.system, &self.covariance, &self.theta) {
-            self.judge_left_out(&mut left_out);
+        self.forget_shifts();
+        let estimate = &learner.estimate;
+        if self.solve(&learner.system, estimate.covariance(), estimate.theta()) {
+            self.judge(learner);
         }
-        self.left_out = Some(left_out);
     }
 
-    fn judge_left_out(&self, left_out: &mut LeftOut) {
-        self.effective_with(&left_out.theta, &mut left_out.effective);
+    fn judge(&mut self, learner: &Learner) {
+        learner.effective_with(&self.theta, &mut self.effective);
         let mut excess = [f64::INFINITY; MAX_JOINTS];
-        for (joint, excess) in excess.iter_mut().enumerate().take(self.torque_std.len()) {
-            if let Some(level) = self.level(joint, left_out) {
-                *excess = level * self.weight(joint); // (4), (5)
+        for (joint, excess) in excess.iter_mut().enumerate().take(learner.arm.joints()) {
+            if let Some(level) = self.level(joint, learner) {
+                *excess = level * learner.levels.weight(joint); // (4), (5)
             }
         }
-        let limits = match left_out.found.take() {
+        let limits = match self.found.take() {
             None => (NAMED.0, HARMFUL.0),
             Some(_) => (NAMED.1, HARMFUL.1),
         };
-        let (n, k, mut place) = (self.theta.len(), left_out.terms.len(), 0);
+        let (n, k, mut place) = (learner.estimate.n(), self.terms.len(), 0);
         for c in 0..k {
-            let LeftOutTerm { what, index, .. } = left_out.terms[c];
+            let LeftOutTerm { what, index, .. } = self.terms[c];
             // a term in the rows of several joints is judged by the worst of them
             let excess = match what.only_joint() {
                 Some(joint) => excess[joint],
                 None => excess.iter().copied().filter(|x| x.is_finite()).fold(0.0, f64::max),
             };
-            let (score, information) = (left_out.score[c], left_out.information[c * k + c]);
-            let score = score.signum() * (score.abs() - ALLOWED * left_out.doubtful[c]).max(0.0); // (9)
-            let is_told_apart = information > TOLD_APART * self.system.matrix[index * n + index];
+            let (score, information) = (self.score[c], self.information[c * k + c]);
+            let score = score.signum() * (score.abs() - ALLOWED * self.doubtful[c]).max(0.0); // (9)
+            let is_told_apart = information > TOLD_APART * learner.system.matrix[index * n + index];
             let amplitude = score / information; // (2)
             let square = score * amplitude;
             let deviations = (square / excess).sqrt(); // (5)
@@ -149,14 +135,14 @@ impl RobotIdentifier {
                 } else {
                     (information / excess, score / excess)
                 };
-                left_out.consider_with_prior(place, c, self.std_of(what, left_out), evidence);
+                self.consider_with_prior(place, c, self.std_of(what, learner), evidence);
                 place += 1;
             }
             if is_believed {
-                if let Some(cause) = self.cause(left_out, c, (amplitude, square, deviations), limits) {
-                    left_out.found = Some(cause);
+                if let Some(cause) = self.cause(learner, c, (amplitude, square, deviations), limits) {
+                    self.found = Some(cause);
                 }
-                left_out.believe(c, amplitude);
+                self.believe(c, amplitude);
             }
         }
     }
@@ -164,28 +150,28 @@ impl RobotIdentifier {
     /// Term `c` as the cause of wrong estimates, if it is one, and likelier than the one found so
     /// far. `limits` are those of the standard deviations of the term and of a parameter's error.
     fn cause(
-        &self,
-        left_out: &mut LeftOut,
+        &mut self,
+        learner: &Learner,
         c: usize,
         (amplitude, square, deviations): (f64, f64, f64),
         limits: (f64, f64),
     ) -> Option<LeftOutCause> {
-        let (n, what) = (self.theta.len(), left_out.terms[c].what);
-        let least = left_out.found.map_or(limits.0, |found| found.deviations);
-        let is_large = !what.is_considered() || amplitude.abs() > NOT_CONSIDERED * left_out.zero_rad; // (7)
-        let harm = self.harm(&left_out.shifts[c * n..(c + 1) * n], amplitude);
-        let (is_harmful, is_useless) = (harm > limits.1, !self.knows_any());
+        let (n, what) = (learner.estimate.n(), self.terms[c].what);
+        let least = self.found.map_or(limits.0, |found| found.deviations);
+        let is_large = !what.is_considered() || amplitude.abs() > NOT_CONSIDERED * self.zero_rad; // (7)
+        let harm = harm(learner, &self.shifts[c * n..(c + 1) * n], amplitude);
+        let (is_harmful, is_useless) = (harm > limits.1, !knows_any(&learner.estimate));
         if !(is_large && deviations > least && (is_harmful || is_useless)) {
             return None;
         }
-        let deviations = deviations.min((square / self.scatter(c, left_out)).sqrt()); // (8)
+        let deviations = deviations.min((square / self.scatter(c, learner)).sqrt()); // (8)
         if !(deviations > least) {
             return None;
         }
-        left_out.theta.copy_from_slice(&self.theta);
-        left_out.step(c, amplitude);
-        self.effective_with(&left_out.theta, &mut left_out.alone);
-        let share = self.share(what.only_joint(), &left_out.alone);
+        self.theta.copy_from_slice(learner.estimate.theta());
+        self.step(c, amplitude);
+        learner.effective_with(&self.theta, &mut self.alone);
+        let share = share(learner, what.only_joint(), &self.alone);
         // many effects vary with the position, or look like a delay at a reversal
         let is_specific = !what.bends_friction() && (!what.is_one_of_many() || share > TELLING);
         (is_harmful && is_specific || is_useless && share > TELLING).then_some(LeftOutCause {
@@ -198,117 +184,81 @@ impl RobotIdentifier {
     }
 
     /// σ_c of (10).
-    fn std_of(&self, what: Unmodelled, left_out: &LeftOut) -> f64 {
+    fn std_of(&self, what: Unmodelled, learner: &Learner) -> f64 {
         let Unmodelled::StribeckSpeed { joint, .. } = what else {
-            return left_out.delay_s;
+            return self.delay_s;
         };
-        let mut terms = self.model.friction()[joint]
-            .terms
-            .iter()
-            .zip(self.model.friction_of(joint));
+        let model = &learner.arm.model;
+        let mut terms = model.friction()[joint].terms.iter().zip(model.friction_of(joint));
         let coulomb = terms.find(|(term, _)| **term == FrictionTerm::Coulomb);
-        coulomb.map_or(0.0, |(_, i)| BENT * self.theta[i].abs())
-    }
-
-    /// The effective parameters of θ with terms, and the slopes of the offsets with these.
-    fn effective_with(&self, theta: &[f64], out: &mut [f64]) {
-        self.effective_if(self.is_loaded, theta, out);
-        if !self.condensed {
-            let weight = |joint: usize| self.weight(joint);
-            self.offset_drift.refit(&self.all, weight, &self.fixed, out);
-        }
+        coulomb.map_or(0.0, |(_, i)| BENT * learner.estimate.theta()[i].abs())
     }
 
     /// x of (8).
-    fn scatter(&self, c: usize, left_out: &mut LeftOut) -> f64 {
-        let n = self.theta.len();
-        let shift = &left_out.shifts[c * n..(c + 1) * n];
-        let direction = &mut left_out.direction;
+    fn scatter(&mut self, c: usize, learner: &Learner) -> f64 {
+        let n = learner.estimate.n();
+        let shift = &self.shifts[c * n..(c + 1) * n];
+        let direction = &mut self.direction;
         direction.iter_mut().zip(shift).for_each(|(d, v)| *d = -v);
         direction[n..].fill(0.0);
-        direction[left_out.terms[c].index] = 1.0;
-        if !self.condensed {
-            let weight = |joint: usize| self.weight(joint);
-            self.offset_drift.follow(&self.all, weight, &self.fixed, direction);
-        }
+        direction[self.terms[c].index] = 1.0;
+        let levels = &learner.levels;
+        learner.past.follow_slopes(levels, learner.estimate.fixed(), direction);
         let (mut squares, mut information) = (0.0, 0.0);
-        for block in self.recent.iter().take(self.recent_blocks) {
+        for block in learner.recent.iter() {
             let mut score = 0.0;
             for (joint, sums) in block.iter().enumerate().filter(|(_, sums)| sums.rows > 0) {
-                let (along, square) = sums.along(direction, &left_out.effective);
-                score += self.weight(joint) * along; // (8)
-                information += self.weight(joint) * square; // (8)
+                let (along, square) = sums.along(direction, &self.effective);
+                score += levels.weight(joint) * along; // (8)
+                information += levels.weight(joint) * square; // (8)
             }
             squares += score * score;
         }
         squares / information
     }
 
-    /// True if any parameter is known well enough to be used.
-    fn knows_any(&self) -> bool {
-        let n = self.theta.len();
-        let is_known = |i: usize| 3.0 * self.covariance[i * n + i].max(0.0).sqrt() < USABLE * self.theta[i].abs();
-        (0..self.parameters.len()).any(|i| !self.fixed[i] && is_known(i))
-    }
-
-    /// Error of the most affected usable parameter, in its standard deviations.
-    pub(super) fn harm(&self, direction: &[f64], amplitude: f64) -> f64 {
-        let n = self.theta.len();
-        let payload = self.payload.as_ref().filter(|_| self.is_loaded);
-        let mut harm = 0.0_f64;
-        for i in (0..self.parameters.len()).filter(|i| !self.fixed[*i]) {
-            let (std, size) = (self.covariance[i * n + i].max(0.0).sqrt(), self.theta[i].abs());
-            let error = (direction[i] * amplitude).abs();
-            // the payload values for a controller depend on all of its parameters
-            let is_payload = payload.is_some_and(|payload| payload.indices().contains(&i));
-            if (is_payload || 3.0 * std < USABLE * size) && error > LEAST_ERROR * size {
-                harm = harm.max(error / std);
-            }
-        }
-        harm
-    }
-
-    /// The last blocks of a joint, those without rows left out.
-    fn recent_of(&self, joint: usize) -> impl Iterator<Item = &JointSums> {
-        let recent = self.recent.iter().take(self.recent_blocks);
-        recent.map(move |block| &block[joint]).filter(|sums| sums.rows > 0)
-    }
-
-    /// Share of the squared residuals that these effective parameters explain: of one joint, or of
-    /// all joints, weighted.
-    fn share(&self, joint: Option<usize>, effective: &[f64]) -> f64 {
-        let of_joint = |joint: usize, theta: &[f64]| -> f64 {
-            let square: f64 = self.recent_of(joint).map(|sums| sums.residual_square(theta)).sum();
-            self.weight(joint) * square
-        };
-        let joints = joint.map_or(0..self.torque_std.len(), |joint| joint..joint + 1);
-        let square = |theta: &[f64]| -> f64 { joints.clone().map(|joint| of_joint(joint, theta)).sum() };
-        (1.0 - square(effective) / square(&self.effective)).clamp(0.0, 1.0)
-    }
-
     /// (4) of a joint; `None` if it has no rows.
-    fn level(&self, joint: usize, left_out: &LeftOut) -> Option<f64> {
-        let terms = self.model.friction_of(joint).len() + left_out.of_joint(joint);
-        let end = self.block[joint].columns_below(self.theta.len()).len() - left_out.shared();
-        self.level_at(joint, end - terms..end, &left_out.effective)
+    fn level(&self, joint: usize, learner: &Learner) -> Option<f64> {
+        let terms = learner.arm.model.friction_of(joint).len() + self.of_joint(joint);
+        let columns = learner.open.sums()[joint].columns_below(learner.estimate.n());
+        let end = columns.len() - self.shared();
+        learner
+            .levels
+            .mean_square((joint, end - terms..end), &learner.recent, &self.effective)
     }
+}
 
-    /// (4) with these columns of friction, at these effective parameters.
-    pub(super) fn level_at(&self, joint: usize, friction: Range<usize>, effective: &[f64]) -> Option<f64> {
-        let terms = friction.len();
-        let (mut square, mut rows) = (0.0, 0);
-        let (mut clusters, mut count) = (0.0, 0.0);
-        for sums in self.recent_of(joint) {
-            square += sums.residual_square(effective);
-            rows += sums.rows;
-            if let Some((misfit, directions)) = friction_misfit(sums, friction.clone(), effective) {
-                clusters += misfit / directions;
-                count += 1.0;
-            }
+/// True if any parameter is known well enough to be used.
+fn knows_any(estimate: &Estimate) -> bool {
+    let is_known = |i: usize| 3.0 * estimate.std(i) < USABLE * estimate.theta()[i].abs();
+    estimate.free().any(is_known)
+}
+
+/// Error of the most affected usable parameter, in its standard deviations.
+pub(super) fn harm(learner: &Learner, direction: &[f64], amplitude: f64) -> f64 {
+    let (estimate, flange) = (&learner.estimate, &learner.flange);
+    let mut harm = 0.0_f64;
+    for i in estimate.free() {
+        let (std, size) = (estimate.std(i), estimate.theta()[i].abs());
+        let error = (direction[i] * amplitude).abs();
+        // the payload values for a controller depend on all of its parameters
+        let is_payload = flange.is_loaded() && flange.owns(i);
+        if (is_payload || 3.0 * std < USABLE * size) && error > LEAST_ERROR * size {
+            harm = harm.max(error / std);
         }
-        let variance = square / rows.saturating_sub(terms).max(1) as f64;
-        let (assumed, weight) = (self.assumed.0[joint], self.assumed.1);
-        let level = (clusters + assumed * weight * variance) / (count + weight); // (4)
-        (rows > 0).then_some(level.max(variance))
     }
+    harm
+}
+
+/// Share of the squared residuals that these effective parameters explain: of one joint, or of all
+/// joints, weighted.
+fn share(learner: &Learner, joint: Option<usize>, effective: &[f64]) -> f64 {
+    let of_joint = |joint: usize, theta: &[f64]| -> f64 {
+        let rows = learner.recent.of_joint(joint);
+        let square: f64 = rows.map(|sums| sums.residual_square(theta)).sum();
+        learner.levels.weight(joint) * square
+    };
+    let joints = joint.map_or(0..learner.arm.joints(), |joint| joint..joint + 1);
+    let square = |theta: &[f64]| -> f64 { joints.clone().map(|joint| of_joint(joint, theta)).sum() };
+    (1.0 - square(effective) / square(learner.estimate.effective())).clamp(0.0, 1.0)
 }

@@ -110,15 +110,6 @@ impl LeftOut {
         }
     }
 
-    /// The column of the zero of an encoder, for a revolute joint.
-    pub fn zero(&self, joint: usize) -> Option<&[usize; 1]> {
-        let own = |term: &&LeftOutTerm| term.what == Unmodelled::Zero { joint };
-        self.terms
-            .iter()
-            .find(own)
-            .map(|term| std::array::from_ref(&term.index))
-    }
-
     /// Forgets everything.
     pub fn reset(&mut self) {
         self.found = None;
@@ -143,13 +134,6 @@ impl LeftOut {
     pub fn shared(&self) -> usize {
         let shared = |term: &&LeftOutTerm| term.what.only_joint().is_none();
         self.terms.iter().filter(shared).count()
-    }
-
-    /// The terms' priors.
-    pub fn set_priors(&self, into: &mut Information) {
-        for term in &self.terms {
-            into.set_prior(term.index, 0.0, term.scale);
-        }
     }
 
     /// Contribution of (6), (7) and (10) to an entry of P.

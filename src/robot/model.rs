@@ -303,6 +303,12 @@ impl RobotModel {
         first..first + self.friction[joint].terms.len()
     }
 
+    /// The columns of a joint's row that are of its friction.
+    pub(super) fn friction_columns(&self, joint: usize) -> Range<usize> {
+        let end = self.indices[joint].len();
+        end - self.friction[joint].terms.len()..end
+    }
+
     /// (2): writes d_i and c_i of all joints, one after the other, at a state; `engagement` is
     /// that of each joint's friction, [`JointFriction::engagement`].
     pub fn rows(

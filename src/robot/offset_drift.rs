@@ -117,9 +117,6 @@ pub(super) enum Origin {
     At(f64),
 }
 
-/// Drifts, what their offsets are at, and the parameters whose value is known.
-pub(super) type Offsets<'a> = (&'a mut OffsetDrift, Origin, &'a [bool]);
-
 /// The slopes, with their workspace.
 #[derive(Debug, Clone)]
 pub(super) struct OffsetDrift {

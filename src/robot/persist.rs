@@ -17,17 +17,20 @@ impl RobotIdentifier {
     pub fn save(&mut self, into: &mut EstimatorState) {
         into.reals.clear();
         into.counts.clear();
-        self.assemble(self.now());
+        self.learner.assemble(self.learner.now());
         let is_before = self.swap_with_before();
         let mut save = Save(into);
-        save.reals(&mut self.theta);
-        save.reals(&mut self.system.matrix);
-        save.reals(&mut self.system.vector);
-        save.reals(&mut self.system.bias);
+        self.learner.estimate.visit_theta(&mut save);
+        self.learner.system.visit(&mut save);
         self.visit_rest(&mut save);
         if is_before {
             self.swap_with_before();
         }
+    }
+
+    fn swap_with_before(&mut self) -> bool {
+        let learner = &mut self.learner;
+        self.watch.as_mut().is_some_and(|watch| watch.swap_with_before(learner))
     }
 
     /// Continues from a state.
@@ -48,10 +51,8 @@ impl RobotIdentifier {
             return Err(StateError::NotFinite { index });
         }
         let mut load = Load::new(state);
-        load.reals(&mut self.theta);
-        load.reals(&mut self.committed.matrix);
-        load.reals(&mut self.committed.vector);
-        load.reals(&mut self.committed.bias);
+        self.learner.estimate.visit_theta(&mut load);
+        self.learner.past.load(&mut load);
         self.visit_rest(&mut load);
         load.finish(state)?;
         self.go_on()
@@ -59,36 +60,35 @@ impl RobotIdentifier {
 
     /// Completes loading a state.
     fn go_on(&mut self) -> Result<(), StateError> {
-        self.condensed = true;
-        self.slices = LEARNT;
-        self.levels.clear();
-        self.forget_recent();
-        self.assemble(Origin::Mean);
-        self.refresh_effective();
-        let positive = |x: &f64| *x >= 0.0;
-        if !self.torque_std.iter().chain(&self.inflation).all(positive)
-            || !self.solver.covariance(&self.system, &self.fixed, &mut self.covariance)
-        {
+        let learner = &mut self.learner;
+        learner.pending.set_seen(LEARNT);
+        learner.levels.forget_kept();
+        learner.forget_recent();
+        self.allowances.carry_over();
+        learner.assemble(Origin::Mean);
+        learner.estimate.refresh_effective(&learner.flange, &learner.past);
+        let solver = &mut learner.solver;
+        if !learner.levels.is_sound() || !learner.estimate.try_covariance(solver, &learner.system) {
             return Err(StateError::NotPositive);
         }
         Ok(())
     }
 
     fn visit_rest(&mut self, v: &mut impl Visit) {
-        v.reals(&mut self.torque_std);
-        v.reals(&mut self.inflation);
-        self.block_scatter.iter_mut().for_each(|scatter| scatter.visit(v));
-        self.offset_drift.visit(v);
+        let learner = &mut self.learner;
+        learner.levels.visit(v);
+        self.allowances.visit(v);
+        learner.past.visit(v);
         v.reals(&mut self.figures.explained);
-        self.velocity_ratios.0.iter_mut().for_each(|ratio| ratio.visit(v));
+        self.signals.visit(v);
         for recent in &mut self.figures.recent {
             recent.visit(v);
         }
-        self.gains.iter_mut().for_each(|gains| gains.visit(v));
-        self.fixed.iter_mut().for_each(|fixed| v.flag(fixed));
-        v.flag(&mut self.is_loaded);
-        let mut blocks = self.blocks as u64;
+        self.checks.visit(v);
+        learner.estimate.visit_fixed(v);
+        learner.flange.visit(v);
+        let mut blocks = learner.blocks as u64;
         v.count(&mut blocks);
-        self.blocks = blocks as usize;
+        learner.blocks = blocks as usize;
     }
 }

@@ -11,7 +11,6 @@
 //! from an earlier identification, or from (2) for white noise of s_j per sample every Δ.
 
 use super::error::IdentifyError;
-use super::identify::RobotIdentifier;
 use super::information::{Information, Solver};
 use super::model::RobotModel;
 use super::motion_table::MotionTable;
@@ -153,14 +152,13 @@ impl Forecaster {
         self.sums.iter_mut().for_each(JointSums::mirror);
         let RowMisfit { std, correlation } = &self.misfit;
         let weight = |joint: usize| (std[joint] * correlation[joint]).powi(-2);
-        RobotIdentifier::of_total(
-            &self.model,
-            &self.sums,
-            weight,
-            (None, None),
-            None,
-            &mut self.information,
-        ); // (1)
+        self.information.clear();
+        for (i, parameter) in self.model.parameters().iter().enumerate() {
+            self.information.set_prior(i, parameter.nominal, parameter.scale);
+        }
+        for (joint, sums) in self.sums.iter().enumerate().filter(|(_, sums)| sums.rows > 0) {
+            sums.scatter(weight(joint), &mut self.information); // (1)
+        }
     }
 
     /// ½ ln det Λ − ½ ln det Λ₀ of the last motion \[nat\]: the larger, the smaller the confidence

@@ -9,6 +9,7 @@
 
 use super::information::Information;
 use crate::estimator::persist::{Visit, visit_symmetric};
+use std::ops::Range;
 
 /// A, b, c and the number of rows of one joint, over its own columns.
 #[derive(Debug, Clone, PartialEq)]
@@ -194,6 +195,43 @@ impl JointSums {
             information += d[a] * product;
         }
         (score, information)
+    }
+
+    /// eᵀ (FᵀF)⁻¹ e of (3) of [`identify`](super::identify) over these columns, and its number
+    /// of directions.
+    pub fn friction_misfit(&self, friction: Range<usize>, theta: &[f64]) -> Option<(f64, f64)> {
+        const MOST: usize = 8;
+        const DEPENDENT: f64 = 1e-6;
+        let m = self.columns().len();
+        let first = friction.start;
+        // Cholesky without square roots; a column that depends on those before it, as in a block
+        // without a reversal, adds no direction.
+        let mut l = [[0.0; MOST]; MOST];
+        let mut d = [0.0; MOST];
+        let mut e = [0.0; MOST];
+        let (mut square, mut directions) = (0.0, 0.0);
+        for i in 0..friction.len().min(MOST) {
+            let row = &self.gram[(first + i) * m + first..(first + i + 1) * m];
+            e[i] = self.gradient(first + i, theta);
+            let mut pivot = row[i];
+            for j in 0..i {
+                if d[j] > 0.0 {
+                    let mut v = row[j];
+                    for k in 0..j {
+                        v -= l[i][k] * l[j][k] * d[k];
+                    }
+                    l[i][j] = v / d[j];
+                    pivot -= l[i][j] * l[i][j] * d[j];
+                    e[i] -= l[i][j] * e[j];
+                }
+            }
+            if pivot > DEPENDENT * row[i] {
+                d[i] = pivot;
+                square += e[i] * e[i] / pivot;
+                directions += 1.0;
+            }
+        }
+        (directions > 0.0).then_some((square, directions))
     }
 
     /// Σ x² of one column.

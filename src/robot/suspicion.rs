@@ -1,7 +1,7 @@
 //! Probable mistakes in a robot's log, with messages that say what to do.
 
+use super::doubt::RobotDoubt;
 use super::drive_gain_room::WrongGain;
-use super::inquiry_room::RobotDoubt;
 use super::left_out_room::LeftOutCause;
 use super::unmodelled::Unmodelled;
 use super::urdf_prior::UrdfContradiction;

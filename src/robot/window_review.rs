@@ -14,8 +14,8 @@
 //! are dropped, because later data do not outweigh them: encoders of 13 bits at 2 ms left inertial
 //! parameters 10 to 20 % off for a minute.
 
-use super::identify::{RobotIdentifier, TRIED};
-use super::sums::JointSums;
+use super::learning::{Learner, TRIED};
+use super::rows::Motion;
 use super::windows::WindowOptions;
 
 /// Share of an acceleration that may be error; encoders of 17 bits have half of it.
@@ -31,45 +31,32 @@ const MUCH: f64 = 1.3;
 /// Forgetting factor of the sums (1) per block.
 const KEPT: f64 = 0.9;
 
-impl RobotIdentifier {
-    /// (1) after a block.
-    pub(super) fn review_windows(&mut self) {
-        if !self.options.lengthens {
-            return;
-        }
-        let shows = self.block.iter().zip(&self.torque_std).any(|(sums, std)| {
-            let rows = sums.rows.max(1) as f64;
-            sums.noise > SHOWS * rows * std * std
-        });
-        let length_s = self.options.windows.length_s;
-        let joints = self.block.len();
-        let motion = self.rows.motion();
-        let share = |k: usize| motion.noise[k] / (motion.square[k] - motion.noise[k]).max(SHARE * motion.square[k]);
-        let largest = (0..joints).map(share).filter(|x| x.is_finite()).fold(0.0, f64::max);
-        let wanted = (length_s * (largest / SHARE).powf(0.2)).min(LONGEST_S); // (1)
-        if shows && wanted > STEP * length_s {
-            let windows = WindowOptions {
-                max_gap_s: self.options.windows.max_gap_s,
-                ..WindowOptions::of_length(wanted)
-            };
-            self.options.windows = windows;
-            self.rows.set_windows(windows);
-            self.recent_rows.set_windows(&windows);
-            if wanted > MUCH * length_s && self.blocks <= TRIED && !self.condensed {
-                self.forget_blocks();
-            }
-        }
-        self.rows.motion().fade(KEPT);
-    }
+/// Longer windows.
+pub(super) struct Longer {
+    pub windows: WindowOptions,
+    /// True if the first blocks are to be dropped.
+    pub drops_blocks: bool,
+}
 
-    /// Drops all blocks so far and starts with the next one.
-    fn forget_blocks(&mut self) {
-        self.clear_recording();
-        self.block.iter_mut().for_each(JointSums::clear);
-        self.total.iter_mut().for_each(JointSums::clear);
-        (self.recent_blocks, self.blocks) = (0, 0);
-        self.offset_drift.reset();
-        self.forget_gains();
-        self.refresh_effective();
-    }
+/// (1) after a block; `None` if the windows are long enough.
+pub(super) fn review_windows(motion: &mut Motion, learner: &Learner) -> Option<Longer> {
+    let now = &learner.options.windows;
+    let block = learner.open.sums();
+    let shows = block.iter().zip(learner.levels.std()).any(|(sums, std)| {
+        let rows = sums.rows.max(1) as f64;
+        sums.noise > SHOWS * rows * std * std
+    });
+    let share = |k: usize| motion.noise[k] / (motion.square[k] - motion.noise[k]).max(SHARE * motion.square[k]);
+    let shares = (0..block.len()).map(share);
+    let largest = shares.filter(|x| x.is_finite()).fold(0.0, f64::max);
+    let wanted = (now.length_s * (largest / SHARE).powf(0.2)).min(LONGEST_S); // (1)
+    motion.fade(KEPT);
+    let is_early = learner.blocks <= TRIED && !learner.past.is_condensed();
+    (shows && wanted > STEP * now.length_s).then(|| Longer {
+        windows: WindowOptions {
+            max_gap_s: now.max_gap_s,
+            ..WindowOptions::of_length(wanted)
+        },
+        drops_blocks: wanted > MUCH * now.length_s && is_early,
+    })
 }

@@ -1,14 +1,6 @@
-//! State and workspace of an [inquiry](super::inquiry), allocated at the start.
+//! Why nothing known about a robot may be used after a change.
 
-use super::change::Suspect;
-use super::information::Information;
-use super::sums::JointSums;
 use std::fmt;
-
-/// Slices after which a named drive or encoder is final.
-const FINAL: usize = 40;
-/// Largest number of slices needed to detect another change.
-const LEANS: usize = 4;
 
 /// Why nothing known about a robot may be used.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -56,77 +48,6 @@ impl fmt::Display for RobotDoubt {
                 joint + 1,
                 1e3 * by
             ),
-        }
-    }
-}
-
-/// A change with all rows since.
-#[derive(Debug, Clone)]
-pub(super) struct Inquiry {
-    /// The present doubt; `None` while there is no inquiry.
-    pub doubt: Option<RobotDoubt>,
-    /// The likeliest drive or encoder.
-    pub suspect: Suspect,
-    /// The information before the change.
-    pub known: Information,
-    pub theta: Vec<f64>,
-    pub effective: Vec<f64>,
-    pub fixed: Vec<bool>,
-    pub was_loaded: bool,
-    /// σ_j f_j then.
-    pub level: Vec<f64>,
-    /// The rows since, and the last of them.
-    pub sums: Vec<JointSums>,
-    pub last: Vec<JointSums>,
-    /// Slices since.
-    pub slices: usize,
-    /// For the last slices, whether friction or a payload was clear except for the number of
-    /// slices; oldest first.
-    pub leans: [bool; LEANS],
-}
-
-impl Inquiry {
-    /// Workspace of an inquiry.
-    pub fn new(parameters: usize, acting: usize, empty: &[JointSums]) -> Self {
-        Self {
-            doubt: None,
-            suspect: Suspect::Gain(None),
-            known: Information::new(parameters),
-            theta: vec![0.0; parameters],
-            effective: vec![0.0; acting],
-            fixed: vec![false; parameters],
-            was_loaded: false,
-            level: vec![0.0; empty.len()],
-            sums: empty.to_vec(),
-            last: empty.to_vec(),
-            slices: 0,
-            leans: [false; LEANS],
-        }
-    }
-
-    /// True while an inquiry is open.
-    pub fn is_open(&self) -> bool {
-        self.doubt.is_some()
-    }
-
-    /// True while its outcome may still change.
-    pub fn is_pending(&self) -> bool {
-        self.doubt == Some(RobotDoubt::Unclear) || self.is_open() && self.slices < FINAL
-    }
-
-    /// True if another change may begin an inquiry, because this one pointed to friction or a
-    /// payload before the other change.
-    pub fn gives_way(&self) -> bool {
-        !self.is_open() || self.is_pending() && self.leans[0]
-    }
-
-    /// Adds rows.
-    pub fn take(&mut self, rows: &[JointSums]) {
-        self.slices += 1;
-        let both = self.sums.iter_mut().zip(&mut self.last);
-        for ((sums, last), rows) in both.zip(rows) {
-            sums.add(rows);
-            last.add(rows);
         }
     }
 }

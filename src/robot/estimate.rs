@@ -41,6 +41,7 @@ impl Estimate {
     /// Returns to the prior; the parameters of the payload are fixed at 0.
     pub fn reset(&mut self, flange: &Flange, past: &Past) {
         self.theta.fill(0.0);
+        self.bias.fill(0.0);
         self.fixed.fill(true);
         for (i, (mean, _)) in self.prior.iter().enumerate() {
             self.theta[i] = *mean;

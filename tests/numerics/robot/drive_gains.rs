@@ -309,7 +309,7 @@ fn prop_a_checkpoint_goes_on_alike_and_identify_names_the_gain() {
     assert!(said.contains(&RobotSuspicion::Gain(named)), "{said:?}");
     let mut state = EstimatorState::default();
     identifier.save(&mut state);
-    let mut other = RobotIdentifier::new(model, IdentifyOptions::default()).unwrap();
+    let mut other = RobotIdentifier::new(model.clone(), IdentifyOptions::default()).unwrap();
     other.load_state(&state).unwrap();
     assert_eq!(other.wrong_gain(), Some(named));
     identifier.load_state(&state).unwrap();
@@ -320,6 +320,10 @@ fn prop_a_checkpoint_goes_on_alike_and_identify_names_the_gain() {
     assert_eq!(other.wrong_gain().map(|named| named.joint), Some(2));
     other.reset();
     assert_eq!(other.wrong_gain(), None);
+    let fresh = RobotIdentifier::new(model, IdentifyOptions::default()).unwrap();
+    for i in 0..fresh.parameters().len() {
+        assert_eq!(other.theta_std(i), fresh.theta_std(i), "{i}");
+    }
 }
 
 /// Whole recordings of a real robot: none is named with the published torque constants, which are

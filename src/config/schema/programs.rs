@@ -116,7 +116,7 @@ table! {
         position_unit: PositionUnit = PositionUnit::Radians, choice::<PositionUnit>(), "",
             "Unit of the position columns: of length if the model moves along a line, else of angle. If some joints turn and others do not, it is the unit of the joints that it suits; the others are in rad or m";
         input: Vec<String> = Vec::new(), Kind::Words, "",
-            "Columns of the inputs, one per joint";
+            "Columns of the inputs, one per joint; \"0\" for a joint that nothing drives";
         input_unit: f64 = 1.0, Kind::Real(FINITE), "",
             "One unit of the input columns in the model's unit, 0.001 for millivolts; negative if a positive input drives the machine backwards, not 0";
         setpoint: Vec<String> = Vec::new(), Kind::Words, "",

@@ -28,6 +28,9 @@ impl Row {
     }
 }
 
+/// The name in `log.input` for a joint that nothing drives, unless a column has it.
+const PASSIVE: &str = "0";
+
 /// Column and unit of each signal.
 #[derive(Debug, Clone)]
 pub(super) struct RowReader {
@@ -36,7 +39,8 @@ pub(super) struct RowReader {
     fields: usize,
     time: Option<usize>,
     q: Vec<usize>,
-    input: Vec<usize>,
+    /// `None` for a joint that nothing drives.
+    input: Vec<Option<usize>>,
     setpoint: Vec<usize>,
     /// The first time stamp.
     origin: Option<Stamp>,
@@ -63,7 +67,7 @@ impl RowReader {
                 likely: judge_header(text).map(Box::new),
             })
         };
-        let per_joint = |key: &'static str, names: &[String], may_be_none: bool| {
+        let count = |key: &'static str, names: &[String], may_be_none: bool| {
             if names.len() != joints.min(MAX_JOINTS) && !(may_be_none && names.is_empty()) {
                 return Err(LogError::Columns {
                     key,
@@ -71,13 +75,24 @@ impl RowReader {
                     got: names.len(),
                 });
             }
+            Ok(())
+        };
+        let per_joint = |key: &'static str, names: &[String], may_be_none: bool| {
+            count(key, names, may_be_none)?;
             names.iter().map(|name| find(key, name)).collect::<Result<Vec<_>, _>>()
         };
+        let q = per_joint("log.q", &columns.positions, false)?;
+        count("log.input", &columns.inputs, false)?;
+        let is_passive = |name: &str| name == PASSIVE && !names.contains(&name);
+        let input = columns.inputs.iter().map(|name| match is_passive(name) {
+            true => Ok(None),
+            false => find("log.input", name).map(Some),
+        });
         Ok(Self {
             fields: names.len(),
             time: columns.time.as_ref().map(|name| find("log.time", name)).transpose()?,
-            q: per_joint("log.q", &columns.positions, false)?,
-            input: per_joint("log.input", &columns.inputs, false)?,
+            q,
+            input: input.collect::<Result<Vec<_>, _>>()?,
             setpoint: per_joint("log.setpoint", &columns.setpoints, true)?,
             columns: columns.clone(),
             period_s,
@@ -110,7 +125,10 @@ impl RowReader {
             named(&self.columns.inputs, Signal::Input),
             named(&self.columns.setpoints, Signal::Setpoint),
         ];
-        read.into_iter().flatten()
+        let is_passive = |signal| matches!(signal, Signal::Input(joint) if self.input[joint].is_none());
+        read.into_iter()
+            .flatten()
+            .filter(move |(_, signal)| !is_passive(*signal))
     }
 
     /// Name of the time column, if there is one.
@@ -150,18 +168,17 @@ impl RowReader {
         let mut joints = JointSample::default();
         let columns = &self.columns;
         let signals = [
-            (&self.q, &columns.positions, &mut joints.q, &columns.position_units[..]),
-            (&self.input, &columns.inputs, &mut joints.input, &[]),
-            (
-                &self.setpoint,
-                &columns.setpoints,
-                &mut joints.setpoint,
-                &columns.position_units[..],
-            ),
+            (&self.q, &columns.positions, &mut joints.q),
+            (&self.setpoint, &columns.setpoints, &mut joints.setpoint),
         ];
-        for (places, names, values, units) in signals {
+        for (places, names, values) in signals {
             for (joint, (&index, name)) in places.iter().zip(names).enumerate() {
-                values[joint] = field(index, name)? * units.get(joint).unwrap_or(&columns.input_unit);
+                values[joint] = field(index, name)? * columns.position_units[joint];
+            }
+        }
+        for (joint, (index, name)) in self.input.iter().zip(&columns.inputs).enumerate() {
+            if let Some(index) = index {
+                joints.input[joint] = field(*index, name)? * columns.input_unit;
             }
         }
         let from_origin = self.origin.map_or(0.0, |origin| stamp.since(&origin));

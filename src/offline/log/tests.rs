@@ -275,3 +275,23 @@ fn val_without_a_time_column_rows_follow_at_the_period_and_bad_ones_leave_holes(
     assert_eq!(samples.iter().map(|s| s.seq).collect::<Vec<_>>(), [0, 2]);
     assert_eq!((counts.unreadable, counts.first_refused), (1, Some(3)));
 }
+
+#[test]
+fn prop_a_joint_that_nothing_drives_needs_no_column() {
+    let passive = LogColumns {
+        positions: vec!["x".to_owned(), "y".to_owned()],
+        position_units: vec![1.0, 1.0],
+        inputs: vec!["u".to_owned(), "0".to_owned()],
+        ..columns(false)
+    };
+    let first = |text: &str| {
+        let mut log = LogReader::new(text.as_bytes(), &passive, 2, 1e-3).unwrap();
+        let sample = log.next_sample().unwrap().unwrap();
+        (sample.input, log.profile().columns.len())
+    };
+    let (input, columns) = first("x,y,u\n1,2,3\n1,2,3\n");
+    assert_eq!((&input[..2], columns), (&[6.0, 0.0][..], 3));
+    // unless a column has that name
+    let (input, columns) = first("x,y,u,0\n1,2,3,4\n1,2,3,4\n");
+    assert_eq!((&input[..2], columns), (&[6.0, 8.0][..], 4));
+}

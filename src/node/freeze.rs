@@ -5,7 +5,7 @@
 //!
 //! | rule | signal | frozen if |
 //! |---|---|---|
-//! | A | position | after M samples of standstill the input, smoothed over M/4, moved by a fifth of its largest magnitude and by more than its noise does, or the measured velocity has passed a thousandth of the range of motion, and M samples later it still stands |
+//! | A | position | after M samples of standstill the input, smoothed over M/4, moved by a fifth of its largest magnitude, or by all of it if friction can hold the joint, and by more than its noise does, or the measured velocity has passed a thousandth of the range of motion, and M samples later it still stands |
 //! | B | input | it was constant for M samples, changed with every sample before, is not at its largest magnitude (a drive at its limit), and the position has moved by 5 % of its range |
 //! | C | both | both were constant for 5 M samples, and the input changed with every sample before |
 //! | D | position | four in five of its last steps of three counts or more follow a sample in which it stood still |
@@ -16,9 +16,9 @@
 //! input is always 0 beside joints that are driven may be a passive one, such as the pole on a cart
 //! or the load of a crane.
 //!
-//! A joint held by friction against a growing input also satisfies rule A, and a pendulum that
-//! swings with its drive off from the start rule E, though such data show no parameter. Therefore M
-//! is a configuration key, and 0 turns the detection off.
+//! A joint held by friction that its model lacks also satisfies rule A, and a pendulum that swings
+//! with its drive off from the start rule E, though such data show no parameter. Therefore M is a
+//! configuration key, and 0 turns the detection off.
 
 use crate::model::{JointSample, MAX_JOINTS};
 
@@ -27,7 +27,19 @@ use crate::model::{JointSample, MAX_JOINTS};
 pub(super) struct FreezeWatch {
     patience: u64,
     period_s: f64,
+    sticking: [bool; MAX_JOINTS],
     joints: [Joint; MAX_JOINTS],
+}
+
+/// What a joint is judged by.
+#[derive(Debug, Clone, Copy)]
+struct Criteria {
+    /// M.
+    patience: u64,
+    /// Rule A: share of the input's largest magnitude.
+    drive: f64,
+    /// True if any joint has had an input.
+    is_driven: bool,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -162,8 +174,9 @@ impl Swings {
 }
 
 impl FreezeWatch {
-    /// Rule A: share of the input's largest magnitude.
+    /// Rule A: share of the input's largest magnitude, and for a joint that friction can hold.
     const DRIVE: f64 = 0.2;
+    const STICKING_DRIVE: f64 = 1.0;
     /// Rule A: standard deviations of the smoothed input's noise.
     const NOISE: f64 = 20.0;
     /// Rule A: share of the range of motion.
@@ -183,11 +196,13 @@ impl FreezeWatch {
     /// Rule D: share of the steps that follow a standstill.
     const LEAPS: f64 = 0.8;
 
-    /// With M = `patience` samples, 0 to turn it off, every `period_s`.
-    pub(super) fn new(patience: u64, period_s: f64) -> Self {
+    /// With M = `patience` samples, 0 to turn it off, every `period_s`, and the joints that friction
+    /// can hold.
+    pub(super) fn new(patience: u64, period_s: f64, sticking: [bool; MAX_JOINTS]) -> Self {
         Self {
             patience,
             period_s,
+            sticking,
             joints: [Joint::NEW; MAX_JOINTS],
         }
     }
@@ -208,7 +223,15 @@ impl FreezeWatch {
         for (index, joint) in self.joints[..joints].iter_mut().enumerate() {
             let u = if driven { sample.input[index] } else { 0.0 };
             let speed = if measured { sample.dq[index].abs() } else { 0.0 };
-            frozen |= joint.check(sample.q[index], u, speed * self.period_s, self.patience, is_driven);
+            let criteria = Criteria {
+                patience: self.patience,
+                drive: match self.sticking[index] {
+                    true => Self::STICKING_DRIVE,
+                    false => Self::DRIVE,
+                },
+                is_driven,
+            };
+            frozen |= joint.check(sample.q[index], u, speed * self.period_s, criteria);
         }
         frozen
     }
@@ -216,10 +239,10 @@ impl FreezeWatch {
 
 impl Joint {
     /// True if the position or the input is frozen; `step` is the distance that the joint covers in
-    /// a period according to its measured velocity, `is_driven` is true if any joint has had an
-    /// input.
+    /// a period according to its measured velocity.
     #[inline]
-    fn check(&mut self, q: f64, u: f64, step: f64, patience: u64, is_driven: bool) -> bool {
+    fn check(&mut self, q: f64, u: f64, step: f64, criteria: Criteria) -> bool {
+        let Criteria { patience, drive, .. } = criteria;
         if !self.seen {
             *self = Self {
                 seen: true,
@@ -265,9 +288,9 @@ impl Joint {
             };
             // noise alone must not count as drive: √(2/M) of white noise passes the filter
             let noise = FreezeWatch::NOISE * self.jitter * (2.0 / patience as f64).sqrt();
-            let drive = self.u_most - self.u_least > noise.max(FreezeWatch::DRIVE * self.smooth_peak);
+            let is_pushed = self.u_most - self.u_least > noise.max(drive * self.smooth_peak);
             let slides = range > 0.0 && self.path > FreezeWatch::PATH * range;
-            self.driven = if drive || slides { self.driven + 1 } else { 0 };
+            self.driven = if is_pushed || slides { self.driven + 1 } else { 0 };
         } else {
             self.step(q);
             (self.q_run, self.path, self.driven) = (0, 0.0, 0);
@@ -278,7 +301,7 @@ impl Joint {
         let rule_a = self.driven >= patience;
         let rule_b = self.u_run >= patience && was_lively && !at_limit && moved;
         let rule_c = was_lively && self.u_run.min(self.q_run) >= FreezeWatch::STILL * patience;
-        rule_e &= self.peak > 0.0 || !is_driven;
+        rule_e &= self.peak > 0.0 || !criteria.is_driven;
         let rule_d = self.steps >= FreezeWatch::FEWEST && self.leaps > FreezeWatch::LEAPS;
         rule_a || rule_b || rule_c || rule_d || rule_e
     }
@@ -308,7 +331,7 @@ mod tests {
     /// A joint that swings and rests, with its encoder and noisy input; `spoil` modifies them
     /// before the watch.
     fn frozen_samples(spoil: impl Fn(u64, &mut f64, &mut f64)) -> Vec<u64> {
-        let mut watch = FreezeWatch::new(M, 1e-3);
+        let mut watch = FreezeWatch::new(M, 1e-3, [false; MAX_JOINTS]);
         let mut frozen = Vec::new();
         let mut noise = 1u64;
         for k in 0..20_000u64 {
@@ -411,10 +434,29 @@ mod tests {
         assert_eq!(signed.first(), None);
     }
 
+    /// The input rises from minus a share of its largest magnitude to plus it while the joint rests.
+    #[test]
+    fn fault_a_joint_that_friction_can_hold_is_frozen_only_if_the_input_moves_by_all_of_it() {
+        for (sticking, share, expected) in [(false, 0.4, true), (true, 0.4, false), (true, 0.8, true)] {
+            let mut watch = FreezeWatch::new(M, 1e-3, [sticking; MAX_JOINTS]);
+            let frozen = (0..6_000_u64).any(|k| {
+                let t = k as f64 * 1e-3;
+                let (swing, rise) = ((6.0 * t).sin(), (0.5 * (t - 3.5)).clamp(0.0, 1.0));
+                let mut sample = JointSample::default();
+                (sample.q[0], sample.input[0]) = match k {
+                    0..3_000 => (swing, swing),
+                    _ => (0.5, share * (2.0 * rise - 1.0)),
+                };
+                watch.check(&sample, 1, false, true)
+            });
+            assert_eq!(frozen, expected, "{sticking} {share}");
+        }
+    }
+
     #[test]
     fn fault_an_input_of_zero_is_frozen_unless_another_joint_is_driven() {
         for (other, input, expected) in [(1.0, 0.0, false), (0.0, 0.0, true), (1.0, 2.0, true)] {
-            let mut watch = FreezeWatch::new(M, 1e-3);
+            let mut watch = FreezeWatch::new(M, 1e-3, [false; MAX_JOINTS]);
             let frozen = (0..20_000_u64).any(|k| {
                 let swing = (k as f64 * 5e-3).sin();
                 let mut sample = JointSample::default();

@@ -27,6 +27,8 @@ pub struct IdentifierOptions {
     pub input_limit: [f64; MAX_JOINTS],
     /// Patience of the detection of frozen signals \[samples\]; 0 turns it off.
     pub frozen_after: u64,
+    /// Joints that friction can hold, which need a larger input to be expected to move.
+    pub sticking: [bool; MAX_JOINTS],
 }
 
 impl IdentifierOptions {
@@ -42,6 +44,7 @@ impl IdentifierOptions {
             sample_period_ns: 0,
             input_limit: [f64::INFINITY; MAX_JOINTS],
             frozen_after: 0,
+            sticking: [false; MAX_JOINTS],
         }
     }
 

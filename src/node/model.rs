@@ -17,7 +17,7 @@ use crate::model::{
     AutoDiff, DerivedQuantity, DerivedValues, JointSample, MAX_JOINTS, MAX_PARAMS, Parameter, Plant, PlantDefinition,
     PlantDerived, PointwiseModel,
 };
-use crate::rows::{AutoWindowBlock, InputSource, PointwiseBlock, RowForm, SampleBlock, structure};
+use crate::rows::{AutoWindowBlock, InputSource, PointwiseBlock, RowForm, SampleBlock, sticking_joints, structure};
 use std::fmt;
 use std::sync::Arc;
 
@@ -291,6 +291,7 @@ impl<P: Plant, M> PlantModel<P, M> {
             model_hash: self.definition.hash(),
             joints: self.definition.joints,
             signals,
+            sticking: sticking_joints(&self.plant),
             ..settings.options
         };
         let derived = self

@@ -2,6 +2,7 @@
 //! input within its limit, and no frozen signal.
 
 use super::freeze::FreezeWatch;
+use super::identifier_options::IdentifierOptions;
 use super::stream::{StreamClock, Tick};
 use crate::messages::{ErrorCode, SIGNALS, Sample, signals};
 use crate::model::MAX_JOINTS;
@@ -30,15 +31,15 @@ pub(super) struct Judgement {
 }
 
 impl SampleGate {
-    /// For samples of `joints` joints that carry `signals`, `period_ns` apart; `frozen_after` is
-    /// the patience of the detection of frozen signals \[samples\].
-    pub fn new(joints: usize, signals: u32, input_limit: [f64; MAX_JOINTS], period_ns: u64, frozen_after: u64) -> Self {
+    /// For the samples that these options describe.
+    pub fn new(options: &IdentifierOptions) -> Self {
+        let period_s = options.sample_period_ns as f64 * 1e-9;
         Self {
-            joints,
-            signals,
-            input_limit,
-            clock: StreamClock::new(period_ns),
-            freeze: FreezeWatch::new(frozen_after, period_ns as f64 * 1e-9),
+            joints: options.joints,
+            signals: options.signals,
+            input_limit: options.input_limit,
+            clock: StreamClock::new(options.sample_period_ns),
+            freeze: FreezeWatch::new(options.frozen_after, period_s, options.sticking),
         }
     }
 

@@ -51,6 +51,7 @@ pub use pointwise::{InputSource, PointwiseBlock, priors, structure};
 pub use projected::{ProjectedBlock, ProjectedError, ProjectedOptions, SensorNoise};
 pub use smoothed::{SmoothedBlock, SmoothedOptions, Smoothing};
 pub use smoothing::{one_sided, savitzky_golay};
+pub use standstill::sticking_joints;
 pub use suspect::{Considered, Suspect, SuspectKind};
 
 use crate::estimator::Residuals;

@@ -77,6 +77,12 @@ pub(super) fn motion_needed(plant: &dyn AnyPlant) -> Vec<u32> {
         .collect()
 }
 
+/// The joints that friction can hold: those that must move for an equation to hold.
+pub fn sticking_joints(plant: &dyn AnyPlant) -> [bool; MAX_JOINTS] {
+    let needed = motion_needed(plant).into_iter().fold(0, |all, mask| all | mask);
+    std::array::from_fn(|joint| needed >> joint & 1 == 1)
+}
+
 /// True if a term of the equation that is differentiated `least` times or more jumps as the joint
 /// reverses, at one of a few states and parameter values. (`present_terms::has_jump` also counts
 /// jumps that are small beside the rest of a term.)

@@ -49,6 +49,7 @@ impl LinearModel {
             joints: equations,
             input_unit: y_unit,
             position_unit: String::new(),
+            turns: vec![false; equations],
             parameters: parameters
                 .into_iter()
                 .map(|(name, unit, start)| Parameter {

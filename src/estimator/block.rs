@@ -341,7 +341,6 @@ impl BlockEstimator {
         self.groups.allow_for(moments);
         for group in self.groups.iter_mut() {
             group.since_alarm = group.since_alarm.saturating_add(1);
-            group.considered.begin(rows, group.parameters.clone(), &group.fixed);
             group.begin(rows, &self.theta, &self.options);
         }
     }

@@ -255,7 +255,7 @@ impl CauseSearch {
     fn compare(&mut self, groups: &mut [GroupState], on_its_way: IndexSet) {
         let settled = groups.iter().all(|group| group.confirmation.is_settled());
         for (group, compared) in groups.iter_mut().zip(&mut self.compared) {
-            *compared = group.inquiry.compare(&group.fixed);
+            *compared = group.inquiry.compare(group.limits.fixed());
         }
         for k in 0..groups.len() {
             let again = |c: &Comparison| c.is_nothing() && (settled || c.informed);

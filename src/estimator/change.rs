@@ -150,7 +150,11 @@ impl GroupState {
         let room = &mut self.room;
         for i in 0..n {
             let v = self.errors.total[i * n + i] + (GUESS - 1.0) * self.errors.guess[i * n + i];
-            room.scale[i] = if v > 0.0 && !self.fixed[i] { v.sqrt() } else { 0.0 };
+            room.scale[i] = if v > 0.0 && self.limits.is_free(i) {
+                v.sqrt()
+            } else {
+                0.0
+            };
         }
         for k in 0..n * n {
             let (si, sj) = (room.scale[k / n], room.scale[k % n]);
@@ -296,7 +300,7 @@ impl GroupState {
     pub fn widen(&mut self, theta: &[f64], sizes: Option<&[f64]>) {
         let n = self.n;
         self.excite(theta);
-        let free = self.fixed.iter().filter(|&&f| !f).count();
+        let free = self.limits.free().count();
         let full = self.excitation.rank == free;
         let share = sizes.map_or(1.0, |sizes| {
             (0..n)
@@ -304,7 +308,7 @@ impl GroupState {
                 .fold(0.0, f64::max)
                 .min(1.0)
         });
-        for i in (0..n).filter(|&i| !self.fixed[i]) {
+        for i in self.limits.free() {
             let size = self.size(theta, i);
             let by = match sizes {
                 Some(sizes) if full => sizes[i].abs().min(size),
@@ -359,8 +363,8 @@ impl GroupState {
             // least = total − gᵀ A⁻¹ g; `offset` becomes A⁻¹ g and `scale` holds g
             let mut least = total;
             let room = &mut self.room;
-            let count = gather(n, &room.total, &self.fixed, &mut room.a);
-            for (a, i) in (0..n).filter(|&i| !self.fixed[i]).enumerate() {
+            let count = gather(n, &room.total, self.limits.fixed(), &mut room.a);
+            for (a, i) in self.limits.free().enumerate() {
                 room.offset[a] = room.gradient[i];
                 room.scale[a] = room.gradient[i];
             }

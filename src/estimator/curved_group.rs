@@ -17,13 +17,13 @@ impl GroupState {
             return self.curvature.clear();
         }
         let (n, variance, priors) = (self.n, self.variance(), &options.parameters[self.parameters.clone()]);
-        let (equations, fixed, centre) = (self.equations.iter().zip(&self.at), &self.fixed, &self.centre);
+        let (equations, limits, centre) = (self.equations.iter().zip(&self.at), &self.limits, &self.centre);
         let weight = |i: usize| {
             let diagonal = |(e, sums): (&EquationState, &Sums)| {
                 let k = i.checked_sub(e.offset).filter(|&k| k < sums.params);
                 k.map_or(0.0, |k| sums.gram[k * (sums.params + 1)])
             };
-            let size = if fixed[i] { 0.0 } else { centre[i] };
+            let size = if limits.is_free(i) { centre[i] } else { 0.0 };
             size * size * equations.clone().map(diagonal).sum::<f64>()
         };
         self.curvature.adopt(rows, self.parameters.start, weight);

@@ -17,7 +17,7 @@ impl GroupState {
         let own = self.parameters.clone();
         self.drift
             .line
-            .fit(rows, &self.equations, theta, own, &self.fixed, None)
+            .fit(rows, &self.equations, theta, own, self.limits.fixed(), None)
             .unwrap_or(f64::INFINITY)
     }
 
@@ -49,7 +49,7 @@ impl GroupState {
                 0.0
             }
         };
-        for i in (0..self.n).filter(|&i| !self.fixed[i]) {
+        for i in self.limits.free() {
             let size = self.size(theta, i);
             let start = self.drift.start(i) - self.centre[i];
             rate = rate.max(sure(self.drift.line.slope[i], self.drift.line.slope_variance(i)) / size);
@@ -65,7 +65,7 @@ impl GroupState {
             let size = self.size(theta, i);
             self.drift.slope[i] = 0.0;
             self.drift.slope_variance[i] = (rate * size).powi(2);
-            if !self.fixed[i] {
+            if self.limits.is_free(i) {
                 self.errors.change[i * self.n + i] += (off.min(1.0) * size).powi(2);
             }
         }
@@ -117,7 +117,7 @@ impl GroupState {
         let own = self.parameters.clone();
         self.drift
             .line
-            .fit(rows, &self.equations, theta, own, &self.fixed, Some(prior))
+            .fit(rows, &self.equations, theta, own, self.limits.fixed(), Some(prior))
             .is_some()
     }
 
@@ -128,9 +128,9 @@ impl GroupState {
             return false;
         }
         for i in 0..n {
-            theta[self.parameters.start + i] = self.drift.end(i).clamp(self.lower[i], self.upper[i]);
+            theta[self.parameters.start + i] = self.limits.clamp(i, self.drift.end(i));
             for j in 0..n {
-                let free = !self.fixed[i] && !self.fixed[j];
+                let free = self.limits.is_free(i) && self.limits.is_free(j);
                 let covariance = if free {
                     self.drift.line.end_covariance(i, j)
                 } else {

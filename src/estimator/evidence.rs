@@ -34,10 +34,10 @@ impl GroupState {
         let n = self.n;
         let start = self.parameters.start;
         let near = |i: usize| {
-            let (value, margin) = (theta[start + i], NEAR * self.size(theta, i));
-            value - self.lower[i] < margin || self.upper[i] - value < margin
+            let margin = NEAR * self.size(theta, i);
+            self.limits.is_near_bound(i, theta[start + i], margin)
         };
-        if !(0..n).any(|i| !self.fixed[i] && near(i)) {
+        if !self.limits.free().any(near) {
             return false;
         }
         let variance = self.variance().max(TINY);
@@ -53,30 +53,28 @@ impl GroupState {
         mul_vec(n, &room.a, &room.offset, &mut room.scale);
         room.gradient.iter_mut().zip(&room.scale).for_each(|(g, v)| *g -= v);
         room.total.iter_mut().zip(&room.a).for_each(|(s, v)| *s += v);
-        let count = gather(n, &room.total, &self.fixed, &mut room.a);
+        let count = gather(n, &room.total, self.limits.fixed(), &mut room.a);
         if !self.cholesky.factor(count, &room.a[..count * count]) {
             return false;
         }
         self.cholesky.inverse(&mut room.b[..count * count]);
-        let free = |i: &usize| !self.fixed[*i];
-        (0..n).filter(free).enumerate().any(|(k, i)| {
+        self.limits.free().enumerate().any(|(k, i)| {
             let row = &room.b[k * count..(k + 1) * count];
             let step: f64 = row
                 .iter()
-                .zip((0..n).filter(free))
+                .zip(self.limits.free())
                 .map(|(h, j)| h * room.gradient[j])
                 .sum();
-            let (value, room_for_chance) = (theta[start + i] + step, PRESSED * (variance * row[k]).sqrt());
-            value < self.lower[i] - room_for_chance || value > self.upper[i] + room_for_chance
+            let room_for_chance = PRESSED * (variance * row[k]).sqrt();
+            self.limits.is_beyond_bound(i, theta[start + i] + step, room_for_chance)
         })
     }
 
     /// The same for a block that a line was fitted to, without bounds: true if it ends beyond one.
     pub fn line_is_pressed(&self) -> bool {
-        (0..self.n).filter(|&i| !self.fixed[i]).any(|i| {
-            let end = self.drift.end(i);
+        self.limits.free().any(|i| {
             let room_for_chance = PRESSED * self.drift.line.end_covariance(i, i).max(0.0).sqrt();
-            end < self.lower[i] - room_for_chance || end > self.upper[i] + room_for_chance
+            self.limits.is_beyond_bound(i, self.drift.end(i), room_for_chance)
         })
     }
 }

@@ -123,7 +123,7 @@ impl GroupState {
         let mut fraction = 1.0;
         for _ in 0..HALVINGS {
             let step = |i: usize| fraction * self.step.delta()[i];
-            let clamp = |i: usize, value: f64| value.clamp(self.lower[i], self.upper[i]);
+            let clamp = |i: usize, value: f64| self.limits.clamp(i, value);
             let own = &mut theta[self.parameters.clone()];
             self.curvature.step(&self.room.scale, step, clamp, own);
             if self.try_at(rows, range.clone(), theta) {
@@ -203,18 +203,18 @@ impl GroupState {
     /// The box of a step from the point in `scale`.
     fn set_box(&mut self, factor: f64) {
         for i in 0..self.n {
-            let (from, lower, upper) = (self.room.scale[i], self.lower[i], self.upper[i]);
-            let (mut down, mut up) = (lower - from, upper - from);
+            let from = self.room.scale[i];
+            let (mut down, mut up) = self.limits.reach(i, from);
             if self.curvature.is_factor(i) && from > 0.0 && factor.is_finite() {
                 // θ_b/f while θ_a grows by f
                 (down, up) = (from * (1.0 - factor), from * (factor - 1.0));
-            } else if lower >= 0.0 && from > 0.0 && factor.is_finite() {
+            } else if self.limits.is_never_negative(i) && from > 0.0 && factor.is_finite() {
                 down = down.max(from / factor - from);
                 // a parameter that noise has driven to zero can return to its usual size in one
                 // step
                 up = up.min((from * factor).max(self.centre[i]).max(self.sizes.stated(i)) - from);
             }
-            if self.fixed[i] {
+            if !self.limits.is_free(i) {
                 (down, up) = (0.0, 0.0);
             }
             (self.room.lower[i], self.room.upper[i]) = (down.min(0.0), up.max(0.0));

@@ -21,6 +21,7 @@ use super::equation::{EquationState, TINY, add_gram, add_grams, chi_square, eval
 use super::error_covariance::{ErrorCovariance, clear_entries};
 use super::forgetting::{Excitation, Rule};
 use super::inquiry::Inquiry;
+use super::limits::Limits;
 use super::linalg::{Cholesky, Eigen, gather, mul, scatter};
 use super::options::{EstimatorOptions, Forgetting, Outliers};
 use super::pass::{Loss, Summable, Sums};
@@ -58,9 +59,7 @@ pub struct GroupState {
     pub since_alarm: u32,
     /// Blocks since the last one that one of its equations did not fit.
     pub since_misfit: u32,
-    pub fixed: Vec<bool>,
-    pub lower: Vec<f64>,
-    pub upper: Vec<f64>,
+    pub limits: Limits,
     /// What a change of 100 % of each parameter means.
     pub sizes: Sizes,
     /// Directions that the last block informed on.
@@ -119,9 +118,7 @@ impl GroupState {
             blocks: 0,
             since_alarm: u32::MAX,
             since_misfit: u32::MAX,
-            fixed: priors.iter().map(|p| p.fixed).collect(),
-            lower: priors.iter().map(|p| p.lower).collect(),
-            upper: priors.iter().map(|p| p.upper).collect(),
+            limits: Limits::new(priors),
             sizes: Sizes::new(priors),
             excitation: Excitation::new(n),
             confirmation: Confirmation::new(n),
@@ -162,14 +159,15 @@ impl GroupState {
         v.count(&mut self.blocks);
         v.small(&mut self.since_alarm);
         v.small(&mut self.since_misfit);
-        self.fixed.iter_mut().for_each(|fixed| v.flag(fixed));
+        self.limits.visit(v);
         self.equations.iter_mut().for_each(|e| e.visit(v));
     }
 
     /// Resets in place to a state without data; `theta` holds all parameters of the plant.
     pub fn forget(&mut self, theta: &[f64], options: &EstimatorOptions) {
         for i in 0..self.n {
-            self.fixed[i] = options.parameters[self.parameters.start + i].fixed;
+            let prior = &options.parameters[self.parameters.start + i];
+            self.limits.set_fixed(i, prior.fixed);
             self.forget_parameter(i, options.information_floor);
         }
         self.equations.iter_mut().for_each(EquationState::forget);
@@ -198,10 +196,10 @@ impl GroupState {
     pub fn forget_parameter(&mut self, i: usize, floor: f64) {
         let n = self.n;
         clear_entries(n, &mut self.information, i, floor);
-        let variance = if self.fixed[i] {
-            0.0
-        } else {
+        let variance = if self.limits.is_free(i) {
             self.sizes.stated(i).powi(2)
+        } else {
+            0.0
         };
         self.errors.forget_parameter(i, variance);
         for e in &mut self.equations {
@@ -224,6 +222,8 @@ impl GroupState {
     /// Noise level, excitation, and the prior Λ, θ̄; after
     /// [`compute_innovation`](Self::compute_innovation).
     pub fn begin(&mut self, rows: &dyn Summable, theta: &[f64], options: &EstimatorOptions) {
+        let fixed = self.limits.fixed();
+        self.considered.begin(rows, self.parameters.clone(), fixed);
         self.set_variances(options);
         self.limit_outliers(rows, 0..rows.len(), theta, true, options);
         self.centre.copy_from_slice(&theta[self.parameters.clone()]);
@@ -358,12 +358,12 @@ impl GroupState {
     fn invert_free(&mut self) {
         let n = self.n;
         let room = &mut self.room;
-        let count = gather(n, &self.information, &self.fixed, &mut room.a);
+        let count = gather(n, &self.information, self.limits.fixed(), &mut room.a);
         room.gain.fill(0.0);
         // `repair` made the information positive definite, and so is every principal part of it
         if count > 0 && self.cholesky.factor(count, &room.a[..count * count]) {
             self.cholesky.inverse(&mut room.b[..count * count]);
-            scatter(n, &room.b, &self.fixed, &mut room.gain);
+            scatter(n, &room.b, self.limits.fixed(), &mut room.gain);
         }
     }
 
@@ -377,7 +377,7 @@ impl GroupState {
         let variance = self.variance().max(f64::MIN_POSITIVE);
         self.invert_free();
         let room = &mut self.room;
-        for i in (0..n).filter(|&i| !self.fixed[i]) {
+        for i in self.limits.free() {
             let q = (priors[i].random_walk * self.centre[i]).powi(2);
             self.errors.change[i * n + i] += q;
             room.gain[i * n + i] += q / variance;
@@ -385,7 +385,7 @@ impl GroupState {
         invert(
             n,
             &mut room.gain,
-            &self.fixed,
+            self.limits.fixed(),
             &mut self.eigen,
             &mut room.a,
             &mut room.scale,
@@ -393,7 +393,7 @@ impl GroupState {
         for i in 0..n {
             for j in 0..n {
                 // a fixed parameter keeps its own information, uncorrelated with the others
-                if !self.fixed[i] && !self.fixed[j] {
+                if self.limits.is_free(i) && self.limits.is_free(j) {
                     self.information[i * n + j] = room.gain[i * n + j];
                 }
             }
@@ -418,11 +418,19 @@ impl GroupState {
         self.sizes.of(i, theta[self.parameters.start + i])
     }
 
+    /// Writes the size of each free parameter to `scale`, and 0 for each fixed one.
+    fn size_free(&mut self, theta: &[f64]) {
+        self.room.scale.fill(0.0);
+        for i in self.limits.free() {
+            self.room.scale[i] = self.size(theta, i);
+        }
+    }
+
     /// True if a free parameter has a standard deviation above half its size, which is evaluated at
     /// `theta`.
     pub fn is_open(&self, theta: &[f64]) -> bool {
         let wide = |i: usize| self.errors.total[i * self.n + i] > (0.5 * self.size(theta, i)).powi(2);
-        (0..self.n).any(|i| !self.fixed[i] && wide(i))
+        self.limits.free().any(wide)
     }
 
     /// Computes the covariance that may be published: P widened by considered errors, and by what
@@ -433,9 +441,7 @@ impl GroupState {
         self.weights.copy_from_slice(&self.widened_total);
         self.considered.widen_weights(&mut self.weights);
         self.considered.widen(&mut self.widened_total);
-        for i in 0..self.n {
-            self.room.scale[i] = if self.fixed[i] { 0.0 } else { self.size(theta, i) };
-        }
+        self.size_free(theta);
         let own = &theta[self.parameters.clone()];
         self.confirmation.publish(own, &self.room.scale, &self.widened_total);
         let widened = self.confirmation.covariance.iter().zip(&self.widened_total);
@@ -455,7 +461,7 @@ impl GroupState {
         }
         for i in 0..n {
             self.room.scale[i] = self.size(theta, i);
-            self.room.free[i] = !self.fixed[i];
+            self.room.free[i] = self.limits.is_free(i);
         }
         self.excitation
             .analyse(&self.room.total, &self.room.scale, &self.room.free);
@@ -468,9 +474,7 @@ impl GroupState {
 
     /// Sums over the columns of considered errors, at `theta` and over the rows of the fit.
     pub fn suspect(&mut self, rows: &dyn Summable, range: Range<usize>, theta: &[f64]) {
-        for i in 0..self.n {
-            self.room.scale[i] = if self.fixed[i] { 0.0 } else { self.size(theta, i) };
-        }
+        self.size_free(theta);
         self.considered.set_sizes(&self.room.scale);
         let changed = self.inquiry.is_open();
         self.considered.accumulate(rows, range, theta, &self.equations, changed);
@@ -482,7 +486,7 @@ impl GroupState {
             equations: &self.equations,
             line: &self.drift.line,
             start_information: &self.prior,
-            fixed: &self.fixed,
+            fixed: self.limits.fixed(),
             first: self.parameters.start,
         };
         self.considered.step_line(rows, &update, theta);
@@ -515,13 +519,13 @@ impl GroupState {
         invert(
             n,
             &mut self.prior,
-            &self.fixed,
+            self.limits.fixed(),
             &mut self.eigen,
             &mut room.a,
             &mut room.scale,
         );
         self.prior.iter_mut().for_each(|v| *v *= variance);
-        for i in (0..n).filter(|&i| self.fixed[i]) {
+        for i in (0..n).filter(|&i| !self.limits.is_free(i)) {
             self.prior[i * n + i] = self.information[i * n + i];
         }
     }

@@ -110,7 +110,7 @@ impl Groups {
         if let Some(k) = self.iter().position(|g| g.parameters.contains(&index)) {
             let group = &mut self.states[k];
             let i = index - group.parameters.start;
-            group.fixed[i] = fixed;
+            group.limits.set_fixed(i, fixed);
             group.forget_parameter(i, floor);
             group.confirmation.begin(&theta[group.parameters.clone()]);
             self.cause_search.leave_out(k, &mut self.states);
@@ -149,7 +149,7 @@ impl Groups {
         for group in self.iter() {
             let (n, m) = (group.n, &group.information);
             for i in 0..n {
-                if !group.fixed[i] {
+                if group.limits.is_free(i) {
                     sum += m[i * n + i].max(f64::MIN_POSITIVE).ln();
                 }
                 for j in 0..i {

@@ -43,6 +43,7 @@ mod groups;
 mod index_set;
 mod inquiry;
 mod inquiry_step;
+mod limits;
 pub(crate) mod linalg;
 mod line;
 mod long_run;

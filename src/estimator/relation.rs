@@ -132,9 +132,7 @@ impl Published {
         if relation.rho(own).abs() >= CONTRADICTION * std(covariance) {
             return true;
         }
-        let bounds = || group.lower.iter().zip(&group.upper);
-        let inside = |theta: &[f64]| theta.iter().zip(bounds()).all(|(t, (l, u))| (*l..=*u).contains(t));
-        if !(relation.project(own, weights, a, v, nearest).is_some() && inside(nearest)) {
+        if !(relation.project(own, weights, a, v, nearest).is_some() && group.limits.allow(nearest)) {
             return false;
         }
         let Some(variance) = relation.project(own, covariance, a, v, mean) else {

@@ -323,7 +323,7 @@ impl BlockEstimator {
     /// Begins a block.
     fn begin(&mut self, rows: &dyn Summable) {
         // the start point stays to be chosen until a block with rows has been used
-        let unseen = !rows.is_empty() && self.groups.iter().all(|group| group.blocks == 0);
+        let unseen = !rows.is_empty() && self.groups.iter().all(|group| group.tally.is_empty());
         if let (true, Some(start), 2..) = (unseen, rows.start(), self.options.max_iterations) {
             self.begin_at(start);
         }
@@ -340,7 +340,6 @@ impl BlockEstimator {
         let moments = self.score_test.prepare(suspects.count(), |s| suspects.std(s), drift);
         self.groups.allow_for(moments);
         for group in self.groups.iter_mut() {
-            group.since_alarm = group.since_alarm.saturating_add(1);
             group.begin(rows, &self.theta, &self.options);
         }
     }
@@ -388,7 +387,7 @@ impl BlockEstimator {
         for (k, group) in self.groups.iter_mut().enumerate() {
             let own = group.parameters.clone();
             let fits = group.equations.iter().all(|e| !self.report.misfit.contains(e.index));
-            group.since_misfit = if fits { group.since_misfit.saturating_add(1) } else { 0 };
+            group.tally.judge(fits);
             if lines.contains(k) {
                 group.suspect_line(rows, &mut self.later);
                 group.conclude_line(&self.theta, &self.options);

@@ -90,7 +90,7 @@ impl GroupState {
     /// The same; with the `rows`, correlated residuals count as more noise.
     fn probability_of_the_block(&mut self, theta: &[f64], rows: Option<&dyn Summable>) -> f64 {
         let freedom: f64 = self.equations.iter().map(|e| e.freedom).sum();
-        if self.blocks == 0 || freedom < 1.0 {
+        if self.tally.is_empty() || freedom < 1.0 {
             return 1.0;
         }
         self.weigh_the_block(theta, rows);
@@ -237,7 +237,7 @@ impl GroupState {
     /// True if a gate dropped more rows than outliers can explain.
     pub fn is_another_plant(&self, options: &EstimatorOptions) -> bool {
         let gated = |s: &Sums| s.outliers as f64 > GATED * s.rows as f64;
-        matches!(options.outliers, Outliers::Gate(_)) && self.blocks > 0 && self.at.iter().any(gated)
+        matches!(options.outliers, Outliers::Gate(_)) && !self.tally.is_empty() && self.at.iter().any(gated)
     }
 
     /// Sets a weak prior, for a fit to the rows alone: centred at θ̄, 100 % of each parameter.

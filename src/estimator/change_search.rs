@@ -17,9 +17,6 @@ const PASSES: usize = 6;
 /// Largest share of the residuals' excess over the noise that may remain after a further cut.
 const EXPLAINS: f64 = 0.5;
 
-/// Alarms at most this many blocks apart are a drift.
-const DRIFT_BLOCKS: u32 = 8;
-
 /// Result of the groups' tests on a block.
 #[derive(Debug, Clone, Copy)]
 pub struct Alarm {
@@ -113,8 +110,7 @@ impl ChangeSearch<'_> {
         let mut again = false;
         for (k, group) in self.groups.iter_mut().enumerate() {
             if joined.contains(k) {
-                again |= group.since_alarm <= DRIFT_BLOCKS;
-                group.since_alarm = 0;
+                again |= group.tally.alarm();
             }
         }
         let kind = if again { ChangeKind::Drift } else { ChangeKind::Between };

@@ -84,7 +84,7 @@ impl GroupState {
                 self.limit_outliers(rows, range.clone(), theta, closed, options);
                 cost = self.cost(&self.at, theta);
             }
-            if self.blocks == 0 {
+            if self.tally.is_empty() {
                 // before the first block there is no knowledge: ε keeps unexcited directions in
                 // place, as in Levenberg's method, but the guess itself does not attract
                 self.centre.copy_from_slice(&theta[self.parameters.clone()]);

@@ -29,6 +29,7 @@ use super::persist::Visit;
 use super::robust::Magnitudes;
 use super::score_sums::GroupEvidence;
 use super::sizes::Sizes;
+use super::tally::Tally;
 use super::workspace::Workspace;
 use super::{Group, Structure};
 use std::ops::Range;
@@ -54,11 +55,7 @@ pub struct GroupState {
     /// A change with all rows since.
     pub inquiry: Inquiry,
     pub drift: Drift,
-    /// Number of updates of this group, and those since its last alarm.
-    pub blocks: u64,
-    pub since_alarm: u32,
-    /// Blocks since the last one that one of its equations did not fit.
-    pub since_misfit: u32,
+    pub tally: Tally,
     pub limits: Limits,
     /// What a change of 100 % of each parameter means.
     pub sizes: Sizes,
@@ -115,9 +112,7 @@ impl GroupState {
             ),
             inquiry: Inquiry::new(n, room_for(structure.equations.len())),
             drift: Drift::new(n, structure.params, equations.len()),
-            blocks: 0,
-            since_alarm: u32::MAX,
-            since_misfit: u32::MAX,
+            tally: Tally::new(),
             limits: Limits::new(priors),
             sizes: Sizes::new(priors),
             excitation: Excitation::new(n),
@@ -156,9 +151,7 @@ impl GroupState {
         self.inquiry.visit(v);
         self.sizes.visit(v);
         v.flag(&mut self.drift.active);
-        v.count(&mut self.blocks);
-        v.small(&mut self.since_alarm);
-        v.small(&mut self.since_misfit);
+        self.tally.visit(v);
         self.limits.visit(v);
         self.equations.iter_mut().for_each(|e| e.visit(v));
     }
@@ -173,7 +166,7 @@ impl GroupState {
         self.equations.iter_mut().for_each(EquationState::forget);
         self.drift.forget();
         self.considered.forget();
-        (self.blocks, self.since_alarm, self.since_misfit) = (0, u32::MAX, u32::MAX);
+        self.tally = Tally::new();
         self.condition = 1.0;
         self.excitation.clear();
         self.confirmation.begin(&theta[self.parameters.clone()]);
@@ -222,6 +215,7 @@ impl GroupState {
     /// Noise level, excitation, and the prior Λ, θ̄; after
     /// [`compute_innovation`](Self::compute_innovation).
     pub fn begin(&mut self, rows: &dyn Summable, theta: &[f64], options: &EstimatorOptions) {
+        self.tally.begin_block();
         let fixed = self.limits.fixed();
         self.considered.begin(rows, self.parameters.clone(), fixed);
         self.set_variances(options);
@@ -321,7 +315,7 @@ impl GroupState {
             let taken: f64 = room.gain.iter().zip(&room.total).map(|(k, s)| k * s).sum();
             e.learn(sums, if stepped { after.cost } else { sums.cost }, taken, options);
         }
-        self.blocks += 1;
+        self.tally.end_block();
         self.set_variances(options);
         self.excite(theta);
         self.total_covariance();
@@ -350,7 +344,7 @@ impl GroupState {
             &mut self.room.a,
             &mut self.room.scale,
         );
-        self.blocks += 1;
+        self.tally.end_block();
         self.excite(theta);
     }
 

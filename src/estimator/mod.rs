@@ -65,6 +65,7 @@ mod summed_evidence;
 mod summed_rows;
 mod suspect_rows;
 mod suspicion;
+mod tally;
 mod workspace;
 mod wrls;
 

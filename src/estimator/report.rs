@@ -223,10 +223,10 @@ impl Report {
             let group = groups.holding(i);
             let known = group.is_some();
             // a group without a part in a change needs no further block to confirm it
-            let quiet = since_change > 1 || since_change == 1 && group.is_some_and(|g| g.since_alarm > 1);
+            let quiet = since_change > 1 || since_change == 1 && group.is_some_and(|g| g.tally.is_quiet());
             // the estimate contains rows that did not fit: the next block must show that they did
             // no harm
-            let fits = group.is_none_or(|g| g.since_misfit > 1);
+            let fits = group.is_none_or(|g| g.tally.fits());
             let clear = !groups.withholds(i);
             let informed = group.is_none_or(|g| g.confirmation.is_informed());
             let free = !self.pressed.contains(i) && !options.parameters[i].fixed;

@@ -115,7 +115,7 @@ impl GroupState {
         for (e, sums) in self.equations.iter().zip(&self.at) {
             let p = sums.params;
             // the noise of this block, if it is consistent with the level known so far
-            let mut of_block = own_variance(sums, &mut self.cholesky, &mut room.a, &mut room.scale);
+            let mut of_block = own_variance(sums, &mut room.cholesky, &mut room.a, &mut room.scale);
             // larger residuals are those of a change within the block
             if let (Some(rows), Loss::Square, true) = (rows, e.loss, of_block <= e.variance) {
                 let (step, regressor) = (&room.scale[..p], &mut room.regressor[..p]);
@@ -161,11 +161,11 @@ impl GroupState {
             let v = self.errors.total[k] + (GUESS - 1.0) * self.errors.guess[k];
             room.a[k] = if si > 0.0 && sj > 0.0 { v / (si * sj) } else { 0.0 };
         }
-        self.eigen.decompose(n, &room.a);
+        room.eigen.decompose(n, &room.a);
         for i in 0..n {
             for k in 0..n {
                 room.a[i * n + k] =
-                    room.scale[i] * self.eigen.vectors[i * n + k] * self.eigen.values[k].max(0.0).sqrt();
+                    room.scale[i] * room.eigen.vectors[i * n + k] * room.eigen.values[k].max(0.0).sqrt();
             }
         }
     }
@@ -187,7 +187,7 @@ impl GroupState {
             }
             room.offset[k] = (0..n).map(|i| room.a[i * n + k] * room.gradient[i]).sum();
         }
-        self.eigen.decompose(n, &room.transition);
+        room.eigen.decompose(n, &room.transition);
     }
 
     /// T, and the number of directions that the block informs on. A considered error makes the
@@ -195,7 +195,7 @@ impl GroupState {
     fn squares(&mut self) -> (f64, usize) {
         let n = self.n;
         let room = &mut self.room;
-        let (eigen, clusters, root) = (&self.eigen, &mut self.clusters, &room.a);
+        let (eigen, clusters, root) = (&room.eigen, &mut self.clusters, &room.a);
         let curvature = &self.curvature;
         let largest = eigen.values[..n].iter().fold(0.0, |a: f64, &b| a.max(b));
         let informs = |b: f64| b > 1e-6 && b > 1e-12 * largest;
@@ -368,8 +368,8 @@ impl GroupState {
                 room.offset[a] = room.gradient[i];
                 room.scale[a] = room.gradient[i];
             }
-            if self.cholesky.factor(count, &room.a[..count * count]) {
-                self.cholesky.solve(&mut room.offset[..count]);
+            if room.cholesky.factor(count, &room.a[..count * count]) {
+                room.cholesky.solve(&mut room.offset[..count]);
                 least -= dot(&room.offset[..count], &room.scale[..count]);
             }
             costs[k] += least / variance;

@@ -54,10 +54,10 @@ impl GroupState {
         room.gradient.iter_mut().zip(&room.scale).for_each(|(g, v)| *g -= v);
         room.total.iter_mut().zip(&room.a).for_each(|(s, v)| *s += v);
         let count = gather(n, &room.total, self.limits.fixed(), &mut room.a);
-        if !self.cholesky.factor(count, &room.a[..count * count]) {
+        if !room.cholesky.factor(count, &room.a[..count * count]) {
             return false;
         }
-        self.cholesky.inverse(&mut room.b[..count * count]);
+        room.cholesky.inverse(&mut room.b[..count * count]);
         self.limits.free().enumerate().any(|(k, i)| {
             let row = &room.b[k * count..(k + 1) * count];
             let step: f64 = row

@@ -11,7 +11,7 @@
 //! each equation learns its noise (`equation.rs`).
 
 use super::clusters::Clusters;
-use super::conditioning::{LARGEST_CONDITION, invert, repair};
+use super::conditioning::LARGEST_CONDITION;
 use super::confirmation::Confirmation;
 use super::considered::{Considered, LineUpdate, Update, room_for};
 use super::constrained::ConstrainedStep;
@@ -22,7 +22,7 @@ use super::error_covariance::{ErrorCovariance, clear_entries};
 use super::forgetting::{Excitation, Rule};
 use super::inquiry::Inquiry;
 use super::limits::Limits;
-use super::linalg::{Cholesky, Eigen, gather, mul, scatter};
+use super::linalg::mul;
 use super::options::{EstimatorOptions, Forgetting, Outliers};
 use super::pass::{Loss, Summable, Sums};
 use super::persist::Visit;
@@ -75,8 +75,6 @@ pub struct GroupState {
     pub trial: Vec<Sums>,
     pub rule: Rule,
     pub step: ConstrainedStep,
-    pub cholesky: Cholesky,
-    pub eigen: Eigen,
     pub magnitudes: Magnitudes,
     pub room: Workspace,
 }
@@ -125,8 +123,6 @@ impl GroupState {
             trial: sums,
             rule: Rule::new(options, n),
             step: ConstrainedStep::new(n),
-            cholesky: Cholesky::new(n),
-            eigen: Eigen::new(n),
             magnitudes: Magnitudes::new(),
             room: Workspace::new(n),
             parameters,
@@ -182,7 +178,7 @@ impl GroupState {
         let n = self.n;
         let equations_hold = self.equations.iter().all(EquationState::is_sound);
         let symmetric = (0..n).all(|i| (0..i).all(|j| self.information[i * n + j] == self.information[j * n + i]));
-        self.errors.is_sound() && equations_hold && symmetric && self.cholesky.factor(n, &self.information)
+        self.errors.is_sound() && equations_hold && symmetric && self.room.cholesky.factor(n, &self.information)
     }
 
     /// Resets parameter i to its state at the start: information ε, no correlation.
@@ -275,14 +271,8 @@ impl GroupState {
         self.information.copy_from_slice(&self.prior);
         add_grams(n, &self.equations, &self.at, &mut self.information); // (9), first line of (10)
         self.rule.posterior(n, &mut self.information); // second line of (10)
-        self.condition = repair(
-            n,
-            &mut self.information,
-            &mut self.eigen,
-            &mut self.room.a,
-            &mut self.room.scale,
-        );
-        self.invert_free();
+        self.condition = self.room.repair(&mut self.information);
+        self.room.invert_free(&self.information, self.limits.fixed());
         let room = &mut self.room;
         room.total.fill(0.0);
         add_grams(n, &self.equations, &self.at, &mut room.total);
@@ -337,28 +327,9 @@ impl GroupState {
         self.set_variances(options);
         self.prior_from_covariance();
         self.information.copy_from_slice(&self.prior);
-        self.condition = repair(
-            self.n,
-            &mut self.information,
-            &mut self.eigen,
-            &mut self.room.a,
-            &mut self.room.scale,
-        );
+        self.condition = self.room.repair(&mut self.information);
         self.tally.end_block();
         self.excite(theta);
-    }
-
-    /// K: the inverse of the information over the parameters that are not fixed.
-    fn invert_free(&mut self) {
-        let n = self.n;
-        let room = &mut self.room;
-        let count = gather(n, &self.information, self.limits.fixed(), &mut room.a);
-        room.gain.fill(0.0);
-        // `repair` made the information positive definite, and so is every principal part of it
-        if count > 0 && self.cholesky.factor(count, &room.a[..count * count]) {
-            self.cholesky.inverse(&mut room.b[..count * count]);
-            scatter(n, &room.b, self.limits.fixed(), &mut room.gain);
-        }
     }
 
     /// The parameters' random walk since the last block: Γ ← Γ + Q/σ², P ← P + Q.
@@ -369,21 +340,14 @@ impl GroupState {
             return;
         }
         let variance = self.variance().max(f64::MIN_POSITIVE);
-        self.invert_free();
         let room = &mut self.room;
+        room.invert_free(&self.information, self.limits.fixed());
         for i in self.limits.free() {
             let q = (priors[i].random_walk * self.centre[i]).powi(2);
             self.errors.change[i * n + i] += q;
             room.gain[i * n + i] += q / variance;
         }
-        invert(
-            n,
-            &mut room.gain,
-            self.limits.fixed(),
-            &mut self.eigen,
-            &mut room.a,
-            &mut room.scale,
-        );
+        room.invert_gain(self.limits.fixed());
         for i in 0..n {
             for j in 0..n {
                 // a fixed parameter keeps its own information, uncorrelated with the others
@@ -509,15 +473,7 @@ impl GroupState {
         let n = self.n;
         let variance = self.variance().max(TINY);
         self.prior.copy_from_slice(&self.errors.total);
-        let room = &mut self.room;
-        invert(
-            n,
-            &mut self.prior,
-            self.limits.fixed(),
-            &mut self.eigen,
-            &mut room.a,
-            &mut room.scale,
-        );
+        self.room.invert(&mut self.prior, self.limits.fixed());
         self.prior.iter_mut().for_each(|v| *v *= variance);
         for i in (0..n).filter(|&i| !self.limits.is_free(i)) {
             self.prior[i * n + i] = self.information[i * n + i];

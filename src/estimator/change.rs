@@ -132,15 +132,8 @@ impl GroupState {
                 }
             }
         }
-        // A d at θ, and both referred to θ̄, where P is
-        let own = &theta[self.parameters.clone()];
-        self.curvature.turn(own, &self.centre);
-        self.curvature.moved(own, &self.centre, &mut room.offset);
-        for i in 0..n {
-            room.gradient[i] += dot(&room.total[i * n..(i + 1) * n], &room.offset);
-        }
-        self.curvature.turn_information_back(&mut room.total);
-        self.curvature.turn_slope_back(&mut room.gradient);
+        // P is the one at θ̄
+        self.prior.refer_back(&theta[self.parameters.clone()], room);
     }
 
     /// Writes L to `a`: P = L Lᵀ from the eigenvectors of the correlation matrix; zero for fixed
@@ -196,7 +189,7 @@ impl GroupState {
         let n = self.n;
         let room = &mut self.room;
         let (eigen, clusters, root) = (&room.eigen, &mut self.clusters, &room.a);
-        let curvature = &self.curvature;
+        let curvature = &self.prior.curvature;
         let largest = eigen.values[..n].iter().fold(0.0, |a: f64, &b| a.max(b));
         let informs = |b: f64| b > 1e-6 && b > 1e-12 * largest;
         let (mut t, mut rank) = (0.0, 0);
@@ -242,14 +235,8 @@ impl GroupState {
 
     /// Sets a weak prior, for a fit to the rows alone: centred at θ̄, 100 % of each parameter.
     pub fn prior_weak(&mut self) {
-        let n = self.n;
         let variance = self.variance().max(TINY);
-        self.prior.fill(0.0);
-        for i in 0..n {
-            let size = self.centre[i].abs();
-            let size = if size > 0.0 { size } else { 1.0 };
-            self.prior[i * n + i] = variance / (size * size);
-        }
+        self.prior.weaken(variance);
     }
 
     /// Fits the rows alone, from the present θ.
@@ -334,8 +321,9 @@ impl GroupState {
     ) {
         let n = self.n;
         let variance = self.variance().max(TINY);
-        self.expand_prior(theta);
-        let mut total = self.prior_cost(theta);
+        let own = &theta[self.parameters.clone()];
+        self.prior.expand(own, &mut self.room);
+        let mut total = self.prior.cost(own);
         let after = segment == Segment::After;
         let mut reached = if after { whole.end } else { whole.start };
         for step in 0..boundaries.len() {

@@ -138,9 +138,9 @@ impl ChangeSearch<'_> {
         };
         for (k, group) in self.groups.iter_mut().enumerate() {
             let own = group.parameters.clone();
-            self.before[own.clone()].copy_from_slice(&group.centre);
+            self.before[own.clone()].copy_from_slice(group.prior.centre());
             if joined.contains(k) {
-                self.theta[own].copy_from_slice(&group.centre);
+                self.theta[own].copy_from_slice(group.prior.centre());
                 group.weight_fully();
                 group.limit_outliers(self.rows, range.clone(), self.theta, true, self.options);
                 group.prior_from_information();
@@ -247,12 +247,12 @@ impl ChangeSearch<'_> {
                 if joined.contains(k) {
                     // start from θ̄: a fit to both plants at once may have diverged
                     let own = group.parameters.clone();
-                    self.later[own.clone()].copy_from_slice(&group.centre);
+                    self.later[own.clone()].copy_from_slice(group.prior.centre());
                     group.fit_alone(rows, from..whole.end, self.later, self.options);
                     consistent &= group.is_consistent(self.options);
                     excess = group.excess().max(excess);
                     if free && row > whole.start {
-                        self.before[own.clone()].copy_from_slice(&group.centre);
+                        self.before[own.clone()].copy_from_slice(group.prior.centre());
                         // `at` must hold the sums of the later part, so it is fitted last
                         group.fit_alone(rows, whole.start..row, self.before, self.options);
                     }
@@ -301,7 +301,7 @@ impl ChangeSearch<'_> {
                 ChangeKind::Between | ChangeKind::Drift => {
                     let own = group.parameters.clone();
                     for i in 0..group.n {
-                        self.later[i] = self.theta[own.start + i] - group.centre[i];
+                        self.later[i] = self.theta[own.start + i] - group.prior.centre()[i];
                     }
                     group.widen(self.theta, Some(&self.later[..group.n]));
                 }

@@ -10,46 +10,45 @@ use super::pass::{Summable, Sums};
 const HELD: f64 = 0.5;
 
 impl GroupState {
-    /// Adopts the products of the rows; their sums at θ̄ are in `at`. A single step per block is (8)
-    /// of the paper, which uses no products.
-    pub fn adopt_products(&mut self, rows: &dyn Summable, options: &EstimatorOptions) {
+    /// Adopts the products of the rows; `theta` is θ̄, where the sums in `at` were taken. A single
+    /// step per block is (8) of the paper, which uses no products.
+    pub fn adopt_products(&mut self, rows: &dyn Summable, theta: &[f64], options: &EstimatorOptions) {
         if options.max_iterations == 1 {
-            return self.curvature.clear();
+            return self.prior.curvature.clear();
         }
         let (n, variance, priors) = (self.n, self.variance(), &options.parameters[self.parameters.clone()]);
-        let (equations, limits, centre) = (self.equations.iter().zip(&self.at), &self.limits, &self.centre);
+        let (equations, limits) = (self.equations.iter().zip(&self.at), &self.limits);
+        let theta = &theta[self.parameters.clone()];
         let weight = |i: usize| {
             let diagonal = |(e, sums): (&EquationState, &Sums)| {
                 let k = i.checked_sub(e.offset).filter(|&k| k < sums.params);
                 k.map_or(0.0, |k| sums.gram[k * (sums.params + 1)])
             };
-            let size = if limits.is_free(i) { centre[i] } else { 0.0 };
+            let size = if limits.is_free(i) { theta[i] } else { 0.0 };
             size * size * equations.clone().map(diagonal).sum::<f64>()
         };
-        self.curvature.adopt(rows, self.parameters.start, weight);
+        self.prior.curvature.adopt(rows, self.parameters.start, weight);
         let open = |i: usize| {
-            let wide = self.errors.total[i * n + i] > (HELD * centre[i]).powi(2);
+            let wide = self.errors.total[i * n + i] > (HELD * theta[i]).powi(2);
             let size = priors[i].start.abs().max(priors[i].std);
             (wide && size > 0.0).then_some(size)
         };
-        self.curvature.hold(variance, open);
+        self.prior.curvature.hold(variance, open);
     }
 
     /// Refers what was known at θ̄ to `theta`: (d).
     pub fn turn(&mut self, theta: &[f64]) {
-        if self.curvature.is_flat() {
+        let own = &theta[self.parameters.clone()];
+        if !self.prior.turn(own) {
             return;
         }
-        let own = &theta[self.parameters.clone()];
-        self.curvature.turn(own, &self.centre);
-        let curvature = &self.curvature;
-        curvature.turn_information(&mut self.prior);
+        let curvature = &self.prior.curvature;
         curvature.turn_covariance(&mut self.errors.guess);
         curvature.turn_covariance(&mut self.errors.change);
         for e in &mut self.equations {
             curvature.turn_covariance(&mut e.noise_covariance);
         }
         self.considered.turn(curvature);
-        self.confirmation.turn(curvature, own, &self.centre);
+        self.confirmation.turn(curvature, own, self.prior.centre());
     }
 }

@@ -51,7 +51,7 @@ impl GroupState {
         };
         for i in self.limits.free() {
             let size = self.size(theta, i);
-            let start = self.drift.start(i) - self.centre[i];
+            let start = self.drift.start(i) - self.prior.centre()[i];
             rate = rate.max(sure(self.drift.line.slope[i], self.drift.line.slope_variance(i)) / size);
             off = off.max(sure(start, self.drift.line.start_variance(i)) / size);
         }
@@ -98,7 +98,7 @@ impl GroupState {
     /// parameter's size, however exact the signals are.
     pub fn line_bends(&self, theta: &[f64]) -> bool {
         (0..self.n).any(|i| {
-            let start = self.drift.start(i) - self.centre[i];
+            let start = self.drift.start(i) - self.prior.centre()[i];
             let turned = self.drift.line.slope[i] - self.drift.slope[i];
             start.abs().max(turned.abs()) > BEND * self.size(theta, i)
         })
@@ -107,10 +107,10 @@ impl GroupState {
     fn fit_line(&mut self, rows: &dyn Summable, theta: &[f64]) -> bool {
         self.prior_from_covariance();
         let variance = self.variance().max(TINY);
-        self.prior.iter_mut().for_each(|v| *v /= variance);
+        self.prior.divide(variance);
         let prior = LinePrior {
-            start: &self.centre,
-            start_information: &self.prior,
+            start: self.prior.centre(),
+            start_information: self.prior.information(),
             slope: &self.drift.slope,
             slope_variance: &self.drift.slope_variance,
         };

@@ -42,8 +42,8 @@ impl GroupState {
         }
         let variance = self.variance().max(TINY);
         // −½ ∂J/∂θ = g − S (θ − θ_l), less the slope of the prior
-        self.expand_prior(theta);
         let room = &mut self.room;
+        self.prior.expand(&theta[self.parameters.clone()], room);
         add_scores(&self.equations, &self.at, &mut room.gradient);
         room.a.fill(0.0);
         add_grams(n, &self.equations, &self.at, &mut room.a);

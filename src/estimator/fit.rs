@@ -16,7 +16,7 @@
 
 use super::equation::{add_grams, add_scores};
 use super::group::GroupState;
-use super::linalg::{dot, mul_vec};
+use super::linalg::dot;
 use super::options::{EstimatorOptions, Outliers};
 use super::pass::{Summable, Sums};
 use std::ops::Range;
@@ -48,17 +48,17 @@ impl GroupState {
     /// Exactly (8): δ = Γ_m Σ φ f, with Γ_m of the forgetting rule.
     pub fn single_step(&mut self, theta: &mut [f64]) {
         let n = self.n;
-        self.room.total.copy_from_slice(&self.prior);
+        self.room.total.copy_from_slice(self.prior.information());
         add_grams(n, &self.equations, &self.at, &mut self.room.total);
         self.rule.posterior(n, &mut self.room.total); // Γ_m⁻¹ of (9) or (10)
         self.room.gradient.fill(0.0);
         add_scores(&self.equations, &self.at, &mut self.room.gradient); // Σ φ f of (8)
-        self.room.scale.copy_from_slice(&self.centre);
+        self.room.scale.copy_from_slice(self.prior.centre());
         self.set_box(f64::INFINITY);
         let room = &self.room;
         self.step.solve(&room.total, &room.gradient, &room.lower, &room.upper); // Γ_m Σ φ f
         for (i, delta) in self.step.delta().iter().enumerate() {
-            theta[self.parameters.start + i] = self.centre[i] + delta; // (8)
+            theta[self.parameters.start + i] = self.prior.centre()[i] + delta; // (8)
         }
     }
 
@@ -87,7 +87,7 @@ impl GroupState {
             if self.tally.is_empty() {
                 // before the first block there is no knowledge: ε keeps unexcited directions in
                 // place, as in Levenberg's method, but the guess itself does not attract
-                self.centre.copy_from_slice(&theta[self.parameters.clone()]);
+                self.prior.centre_at(&theta[self.parameters.clone()]);
                 cost = self.cost(&self.at, theta);
             }
             self.model(theta);
@@ -125,7 +125,7 @@ impl GroupState {
             let step = |i: usize| fraction * self.step.delta()[i];
             let clamp = |i: usize, value: f64| self.limits.clamp(i, value);
             let own = &mut theta[self.parameters.clone()];
-            self.curvature.step(&self.room.scale, step, clamp, own);
+            self.prior.curvature.step(&self.room.scale, step, clamp, own);
             if self.try_at(rows, range.clone(), theta) {
                 let candidate = self.cost(&self.trial, theta);
                 if candidate <= cost + slack {
@@ -139,30 +139,12 @@ impl GroupState {
         None
     }
 
-    /// Writes the quadratic model of the prior at θ: Tᵀ Λ T to `total`, −Tᵀ Λ d to `gradient`; see
-    /// `curvature.rs`.
-    pub fn expand_prior(&mut self, theta: &[f64]) {
-        let n = self.n;
-        let own = &theta[self.parameters.clone()];
-        self.curvature.turn(own, &self.centre);
-        let room = &mut self.room;
-        room.total.copy_from_slice(&self.prior);
-        self.curvature.turn_information(&mut room.total);
-        for i in 0..n {
-            room.offset[i] = -self.curvature.displacement(i, own, &self.centre);
-        }
-        mul_vec(n, &self.prior, &room.offset, &mut room.gradient);
-        self.curvature.turn_slope(&mut room.gradient);
-        self.curvature.add_holding(own, &mut room.total, &mut room.gradient);
-    }
-
     /// The quadratic model at θ: Tᵀ Λ T + S and g − Tᵀ Λ d; θ itself goes to `scale`.
     fn model(&mut self, theta: &[f64]) {
-        let n = self.n;
-        self.expand_prior(theta);
-        let room = &mut self.room;
-        add_grams(n, &self.equations, &self.at, &mut room.total);
-        room.scale.copy_from_slice(&theta[self.parameters.clone()]);
+        let (own, room) = (&theta[self.parameters.clone()], &mut self.room);
+        self.prior.expand(own, room);
+        add_grams(self.n, &self.equations, &self.at, &mut room.total);
+        room.scale.copy_from_slice(own);
         add_scores(&self.equations, &self.at, &mut room.gradient);
     }
 
@@ -186,18 +168,8 @@ impl GroupState {
     }
 
     fn cost(&self, sums: &[Sums], theta: &[f64]) -> f64 {
-        sums.iter().map(|s| s.cost).sum::<f64>() + self.prior_cost(theta) // (6), its past as Λ
-    }
-
-    /// dᵀ Λ d, and (e) of `curvature.rs`.
-    pub fn prior_cost(&self, theta: &[f64]) -> f64 {
-        let n = self.n;
         let own = &theta[self.parameters.clone()];
-        let d = |i: usize| self.curvature.displacement(i, own, &self.centre);
-        (0..n)
-            .map(|i| d(i) * (0..n).map(|j| self.prior[i * n + j] * d(j)).sum::<f64>())
-            .sum::<f64>()
-            + self.curvature.holding_cost(own)
+        sums.iter().map(|s| s.cost).sum::<f64>() + self.prior.cost(own) // (6), its past as Λ
     }
 
     /// The box of a step from the point in `scale`.
@@ -205,14 +177,14 @@ impl GroupState {
         for i in 0..self.n {
             let from = self.room.scale[i];
             let (mut down, mut up) = self.limits.reach(i, from);
-            if self.curvature.is_factor(i) && from > 0.0 && factor.is_finite() {
+            if self.prior.curvature.is_factor(i) && from > 0.0 && factor.is_finite() {
                 // θ_b/f while θ_a grows by f
                 (down, up) = (from * (1.0 - factor), from * (factor - 1.0));
             } else if self.limits.is_never_negative(i) && from > 0.0 && factor.is_finite() {
                 down = down.max(from / factor - from);
                 // a parameter that noise has driven to zero can return to its usual size in one
                 // step
-                up = up.min((from * factor).max(self.centre[i]).max(self.sizes.stated(i)) - from);
+                up = up.min((from * factor).max(self.prior.centre()[i]).max(self.sizes.stated(i)) - from);
             }
             if !self.limits.is_free(i) {
                 (down, up) = (0.0, 0.0);

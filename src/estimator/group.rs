@@ -10,12 +10,12 @@
 //! The covariance of θ̂ is propagated independently of the forgetting rule (`error_covariance.rs`);
 //! each equation learns its noise (`equation.rs`).
 
+use super::block_prior::BlockPrior;
 use super::clusters::Clusters;
 use super::conditioning::LARGEST_CONDITION;
 use super::confirmation::Confirmation;
 use super::considered::{Considered, LineUpdate, Update, room_for};
 use super::constrained::ConstrainedStep;
-use super::curvature::Curvature;
 use super::drift::Drift;
 use super::equation::{EquationState, TINY, add_gram, add_grams, chi_square, evaluate, mean_variance};
 use super::error_covariance::{ErrorCovariance, clear_entries};
@@ -66,10 +66,7 @@ pub struct GroupState {
     /// Condition number of the column-scaled information.
     pub condition: f64,
     /// Λ and θ̄ of the present fit.
-    pub prior: Vec<f64>,
-    pub centre: Vec<f64>,
-    /// The coordinates in which Λ holds around θ̄.
-    pub curvature: Curvature,
+    pub prior: BlockPrior,
     /// Sums at the present θ, and at a candidate.
     pub at: Vec<Sums>,
     pub trial: Vec<Sums>,
@@ -116,9 +113,7 @@ impl GroupState {
             excitation: Excitation::new(n),
             confirmation: Confirmation::new(n),
             condition: 1.0,
-            prior: vec![0.0; n * n],
-            centre: vec![0.0; n],
-            curvature: Curvature::new(n),
+            prior: BlockPrior::new(n),
             at: sums.clone(),
             trial: sums,
             rule: Rule::new(options, n),
@@ -216,8 +211,8 @@ impl GroupState {
         self.considered.begin(rows, self.parameters.clone(), fixed);
         self.set_variances(options);
         self.limit_outliers(rows, 0..rows.len(), theta, true, options);
-        self.centre.copy_from_slice(&theta[self.parameters.clone()]);
-        self.adopt_products(rows, options);
+        self.prior.centre_at(&theta[self.parameters.clone()]);
+        self.adopt_products(rows, theta, options);
         self.walk(options);
         if options.forgetting == Forgetting::Directional {
             self.excite(theta);
@@ -227,8 +222,7 @@ impl GroupState {
 
     /// The prior of the block, as forgetting makes it.
     pub fn prior_from_information(&mut self) {
-        self.rule
-            .prior(self.n, &self.information, &self.excitation, &mut self.prior);
+        self.prior.forget(&mut self.rule, &self.information, &self.excitation);
     }
 
     /// Sums at θ over `range` into `trial`, with the losses as they are.
@@ -268,7 +262,7 @@ impl GroupState {
     pub fn conclude(&mut self, theta: &[f64], stepped: bool, end_ns: u64, options: &EstimatorOptions) {
         let n = self.n;
         self.turn(theta);
-        self.information.copy_from_slice(&self.prior);
+        self.information.copy_from_slice(self.prior.information());
         add_grams(n, &self.equations, &self.at, &mut self.information); // (9), first line of (10)
         self.rule.posterior(n, &mut self.information); // second line of (10)
         self.condition = self.room.repair(&mut self.information);
@@ -283,10 +277,10 @@ impl GroupState {
                 *v = if k % (n + 1) == 0 { 1.0 - *v } else { -*v };
             }
         } else {
-            mul(n, &room.gain, &self.prior, &mut room.transition);
+            mul(n, &room.gain, self.prior.information(), &mut room.transition);
         }
         let own = &theta[self.parameters.clone()];
-        self.curvature.moved(own, &self.centre, &mut room.offset);
+        self.prior.moved(own, &mut room.offset);
         let update = Update {
             gain: &room.gain,
             transition: &room.transition,
@@ -326,7 +320,7 @@ impl GroupState {
         self.total_covariance();
         self.set_variances(options);
         self.prior_from_covariance();
-        self.information.copy_from_slice(&self.prior);
+        self.information.copy_from_slice(self.prior.information());
         self.condition = self.room.repair(&mut self.information);
         self.tally.end_block();
         self.excite(theta);
@@ -343,7 +337,7 @@ impl GroupState {
         let room = &mut self.room;
         room.invert_free(&self.information, self.limits.fixed());
         for i in self.limits.free() {
-            let q = (priors[i].random_walk * self.centre[i]).powi(2);
+            let q = (priors[i].random_walk * self.prior.centre()[i]).powi(2);
             self.errors.change[i * n + i] += q;
             room.gain[i * n + i] += q / variance;
         }
@@ -443,7 +437,7 @@ impl GroupState {
         let update = LineUpdate {
             equations: &self.equations,
             line: &self.drift.line,
-            start_information: &self.prior,
+            start_information: self.prior.information(),
             fixed: self.limits.fixed(),
             first: self.parameters.start,
         };
@@ -470,13 +464,9 @@ impl GroupState {
 
     /// Λ = σ² P⁻¹ from the present covariance, for a fit with the true prior.
     pub fn prior_from_covariance(&mut self) {
-        let n = self.n;
         let variance = self.variance().max(TINY);
-        self.prior.copy_from_slice(&self.errors.total);
-        self.room.invert(&mut self.prior, self.limits.fixed());
-        self.prior.iter_mut().for_each(|v| *v *= variance);
-        for i in (0..n).filter(|&i| !self.limits.is_free(i)) {
-            self.prior[i * n + i] = self.information[i * n + i];
-        }
+        let (fixed, room) = (self.limits.fixed(), &mut self.room);
+        self.prior
+            .trust(&self.errors.total, variance, fixed, &self.information, room);
     }
 }

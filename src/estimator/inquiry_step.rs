@@ -47,7 +47,7 @@ impl GroupState {
     /// the one published last.
     pub fn begin_inquiry(&mut self) {
         for i in 0..self.n {
-            self.room.scale[i] = self.sizes.of(i, self.centre[i]);
+            self.room.scale[i] = self.sizes.of(i, self.prior.centre()[i]);
         }
         let levels = self.equations.iter().filter(|e| e.floor > 0.0);
         let level = levels.map(|e| e.variance / (e.floor * e.floor)).fold(1.0, f64::max);
@@ -59,7 +59,7 @@ impl GroupState {
             .zip(published)
             .for_each(|((a, total), (open, widened_total))| *a = total + open - widened_total);
         self.inquiry
-            .begin(&self.centre, &self.room.a, &self.room.scale, [level, surprise]);
+            .begin(self.prior.centre(), &self.room.a, &self.room.scale, [level, surprise]);
     }
 
     /// True if the estimate was before the block, or is now, so far off that the rows are no

@@ -15,6 +15,7 @@
 //! | [`BlockEstimator`] | block by block, nonlinear in θ, every forgetting rule | (6)–(11) and beyond |
 
 mod block;
+mod block_prior;
 mod bound;
 mod cause_search;
 pub mod cedro;

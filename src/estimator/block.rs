@@ -386,37 +386,33 @@ impl BlockEstimator {
         self.score_test.begin();
         for (k, group) in self.groups.iter_mut().enumerate() {
             let own = group.parameters.clone();
-            let fits = group.equations.iter().all(|e| !self.report.misfit.contains(e.index));
-            group.tally.judge(fits);
+            let fits = group.judge(self.report.misfit);
             if lines.contains(k) {
                 group.suspect_line(rows, &mut self.later);
                 group.conclude_line(&self.theta, &self.options);
                 // only this block informs on a moving parameter
                 group.confirmation.restart(&self.theta[own]);
                 if fits {
-                    group.confirmation.take(&group.equations, &group.at, None, 1.0);
+                    group.confirmation.take(&group.equations, None, 1.0);
                 }
-                group.clusters.end(true, group.noise_is_configured(), |_| 0.0);
+                group.clusters.end(true, group.equations.noise_is_configured(), |_| 0.0);
                 continue;
             }
             if changed {
                 group.suspect(rows, self.used.clone(), &self.theta);
             }
             // the sums of a single step are at θ̄ (9), but the evidence needs the residual after it
-            let stepped = single && group.try_at(rows, 0..rows.len(), &self.theta);
+            let stepped = single && group.equations.evaluate_trial(rows, 0..rows.len(), &self.theta);
             group.conclude(&self.theta, stepped, end_ns, &self.options);
             if fits {
                 let at = if single { &self.before[own] } else { &self.theta[own] };
                 let (equations, lambda) = (&group.equations, self.options.forgetting_factor);
-                group.confirmation.take(equations, &group.at, Some(at), lambda);
+                group.confirmation.take(equations, Some(at), lambda);
             }
             if stepped {
-                std::mem::swap(&mut group.at, &mut group.trial);
+                group.equations.accept_trial();
             }
-            let (noise_is_configured, excitation) = (group.noise_is_configured(), &group.excitation);
-            group
-                .clusters
-                .end(changed, noise_is_configured, |i| excitation.share(i));
+            group.end_clusters(changed);
             self.score_test.take(k, &group.evidence());
         }
         self.later.copy_from_slice(&self.theta);
@@ -444,7 +440,7 @@ impl BlockEstimator {
         let mut whole = BlockFit::default();
         for (k, group) in self.groups.iter_mut().enumerate() {
             let line = lines.contains(k);
-            for (e, sums) in group.equations.iter().zip(&group.at) {
+            for (e, sums) in group.equations.pairs() {
                 let noise_is_configured = e.floor > 0.0;
                 let level = NoiseLevel {
                     variance: if noise_is_configured {

@@ -47,7 +47,7 @@
 //! then left out, and the block is a misfit.
 
 use super::Forward;
-use super::equation::{EquationState, TINY, add_gram, add_score};
+use super::equation::{EquationState, TINY};
 use super::fit::Fit;
 use super::group::GroupState;
 use super::index_set::IndexSet;
@@ -89,7 +89,7 @@ impl GroupState {
 
     /// The same; with the `rows`, correlated residuals count as more noise.
     fn probability_of_the_block(&mut self, theta: &[f64], rows: Option<&dyn Summable>) -> f64 {
-        let freedom: f64 = self.equations.iter().map(|e| e.freedom).sum();
+        let freedom = self.equations.freedom();
         if self.tally.is_empty() || freedom < 1.0 {
             return 1.0;
         }
@@ -112,7 +112,7 @@ impl GroupState {
         room.total.fill(0.0);
         room.gradient.fill(0.0);
         room.noise.fill(TINY);
-        for (e, sums) in self.equations.iter().zip(&self.at) {
+        for (e, sums) in self.equations.pairs() {
             let p = sums.params;
             // the noise of this block, if it is consistent with the level known so far
             let mut of_block = own_variance(sums, &mut room.cholesky, &mut room.a, &mut room.scale);
@@ -230,12 +230,12 @@ impl GroupState {
     /// True if a gate dropped more rows than outliers can explain.
     pub fn is_another_plant(&self, options: &EstimatorOptions) -> bool {
         let gated = |s: &Sums| s.outliers as f64 > GATED * s.rows as f64;
-        matches!(options.outliers, Outliers::Gate(_)) && !self.tally.is_empty() && self.at.iter().any(gated)
+        matches!(options.outliers, Outliers::Gate(_)) && !self.tally.is_empty() && self.equations.at().iter().any(gated)
     }
 
     /// Sets a weak prior, for a fit to the rows alone: centred at θ̄, 100 % of each parameter.
     pub fn prior_weak(&mut self) {
-        let variance = self.variance().max(TINY);
+        let variance = self.equations.variance().max(TINY);
         self.prior.weaken(variance);
     }
 
@@ -248,13 +248,13 @@ impl GroupState {
         options: &EstimatorOptions,
     ) -> Fit {
         self.prior_weak();
-        self.evaluate_at(rows, range.clone(), theta);
+        self.equations.evaluate(rows, range.clone(), theta);
         self.fit(rows, range, theta, options)
     }
 
     /// True if the residuals in `at` are no larger than the noise known so far.
     pub fn is_consistent(&self, options: &EstimatorOptions) -> bool {
-        self.equations.iter().zip(&self.at).all(|(e, sums)| {
+        self.equations.pairs().all(|(e, sums)| {
             let mut freedom = (sums.rows - sums.outliers) as f64 - sums.params as f64;
             if freedom < 1.0 {
                 return true;
@@ -276,7 +276,7 @@ impl GroupState {
             let freedom = (sums.rows - sums.outliers) as f64 - sums.params as f64;
             sums.cost / (freedom.max(1.0) * e.variance.max(TINY))
         };
-        self.equations.iter().zip(&self.at).map(of).fold(0.0, f64::max)
+        self.equations.pairs().map(of).fold(0.0, f64::max)
     }
 
     /// Widens the covariance of the parameters that `at` informs on, alone or in combination:
@@ -320,11 +320,13 @@ impl GroupState {
         costs: &mut [f64],
     ) {
         let n = self.n;
-        let variance = self.variance().max(TINY);
+        let variance = self.equations.variance().max(TINY);
         let own = &theta[self.parameters.clone()];
         self.prior.expand(own, &mut self.room);
         let mut total = self.prior.cost(own);
         let after = segment == Segment::After;
+        let forward = Forward(rows);
+        let side: &dyn Summable = if after { rows } else { &forward };
         let mut reached = if after { whole.end } else { whole.start };
         for step in 0..boundaries.len() {
             let k = if after { boundaries.len() - 1 - step } else { step };
@@ -335,18 +337,9 @@ impl GroupState {
             };
             reached = if after { part.start } else { part.end };
             if !part.is_empty() {
-                for (e, sums) in self.equations.iter().zip(&mut self.trial) {
-                    let weight = variance / e.variance.max(TINY);
-                    let pass = e.pass(part.clone());
-                    if after {
-                        rows.sum(&pass, theta, sums);
-                    } else {
-                        Forward(rows).sum(&pass, theta, sums);
-                    }
-                    total += weight * sums.cost;
-                    add_score(e, sums, weight, &mut self.room.gradient);
-                    add_gram(n, e, sums, weight, &mut self.room.total);
-                }
+                total = self
+                    .equations
+                    .add_rows(side, part, theta, variance, total, &mut self.room);
             }
             // least = total − gᵀ A⁻¹ g; `offset` becomes A⁻¹ g and `scale` holds g
             let mut least = total;
@@ -361,18 +354,6 @@ impl GroupState {
                 least -= dot(&room.offset[..count], &room.scale[..count]);
             }
             costs[k] += least / variance;
-        }
-    }
-
-    /// Weights every row fully.
-    pub fn weight_fully(&mut self) {
-        self.equations.iter_mut().for_each(|e| e.loss = Loss::Square);
-    }
-
-    /// Limits outliers by the noise known so far.
-    pub fn limit_by_known_noise(&mut self, options: &EstimatorOptions) {
-        for e in &mut self.equations {
-            e.loss = options.outliers.loss(e.variance.sqrt());
         }
     }
 }
@@ -483,7 +464,7 @@ pub fn locate(
             for (cost, boundary) in costs.iter_mut().zip(boundaries) {
                 let straddling = boundary.before..boundary.after;
                 let count = |e: &EquationState| used(rows, e.index, straddling.clone());
-                *cost += group.equations.iter().map(count).sum::<usize>() as f64;
+                *cost += group.equations.states().iter().map(count).sum::<usize>() as f64;
             }
         }
         let mut best = 0;

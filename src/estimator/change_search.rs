@@ -122,9 +122,9 @@ impl ChangeSearch<'_> {
     fn shows_in(&mut self, joined: IndexSet, range: &Range<usize>) -> bool {
         let groups = self.groups.iter_mut().enumerate();
         groups.filter(|(k, _)| joined.contains(*k)).any(|(_, group)| {
-            group.weight_fully();
+            group.equations.weight_fully();
             group.suspect(self.rows, range.clone(), self.theta);
-            !group.evaluate_at(self.rows, range.clone(), self.theta)
+            !group.equations.evaluate(self.rows, range.clone(), self.theta)
                 || group.change_probability(self.rows, self.theta) < JOINS
         })
     }
@@ -141,10 +141,12 @@ impl ChangeSearch<'_> {
             self.before[own.clone()].copy_from_slice(group.prior.centre());
             if joined.contains(k) {
                 self.theta[own].copy_from_slice(group.prior.centre());
-                group.weight_fully();
-                group.limit_outliers(self.rows, range.clone(), self.theta, true, self.options);
+                group.equations.weight_fully();
+                group
+                    .equations
+                    .limit_outliers(self.rows, range.clone(), self.theta, true, self.options);
                 group.prior_from_information();
-                group.evaluate_at(self.rows, range.clone(), self.theta);
+                group.equations.evaluate(self.rows, range.clone(), self.theta);
                 all = all.and(group.fit(self.rows, range.clone(), self.theta, self.options));
                 group.suspect(self.rows, range.clone(), self.theta);
             }
@@ -182,7 +184,7 @@ impl ChangeSearch<'_> {
         for (k, group) in self.groups.iter_mut().enumerate() {
             if joined.contains(k) {
                 // plus two per parameter: Akaike's penalty for the slopes
-                group.limit_by_known_noise(self.options);
+                group.equations.limit_by_known_noise(self.options);
                 line += group.line_cost(rows, self.theta) + 2.0 * group.n as f64;
                 straight &= group.line_is_consistent();
             }
@@ -230,9 +232,9 @@ impl ChangeSearch<'_> {
         for pass in 0..PASSES {
             for group in self.groups.iter_mut() {
                 if pass > 0 {
-                    group.limit_by_known_noise(self.options);
+                    group.equations.limit_by_known_noise(self.options);
                 } else {
-                    group.weight_fully();
+                    group.equations.weight_fully();
                 }
             }
             let (found, least) = locate(self.groups, joined, rows, whole.clone(), self.before, self.later, free);
@@ -288,14 +290,14 @@ impl ChangeSearch<'_> {
                 // the plant may have changed for this group too, even without a sign of it, so
                 // earlier rows are dropped
                 if change.kind == ChangeKind::Within && !lines.contains(k) {
-                    group.evaluate_at(rows, range.clone(), self.theta);
+                    group.equations.evaluate(rows, range.clone(), self.theta);
                     let fit = group.fit(rows, range, self.theta, self.options);
                     all = all.and(fit);
                 }
                 continue;
             }
-            group.weight_fully();
-            group.evaluate_at(rows, range.clone(), self.theta);
+            group.equations.weight_fully();
+            group.equations.evaluate(rows, range.clone(), self.theta);
             match change.kind {
                 ChangeKind::Within => group.widen(self.theta, None),
                 ChangeKind::Between | ChangeKind::Drift => {

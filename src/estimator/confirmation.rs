@@ -28,9 +28,9 @@
 //! motion does not show simply stays unconfirmed.
 
 use super::curvature::Curvature;
-use super::equation::{EquationState, TINY};
+use super::equation::TINY;
+use super::equations::Equations;
 use super::linalg::{Eigen, mul_vec};
-use super::pass::Sums;
 use super::persist::Visit;
 
 /// Largest ratio of the variance from the rows since the change to that of the recursion at which
@@ -120,14 +120,14 @@ impl Confirmation {
 
     /// Adds the sums of a block, taken at `theta` of the group; without `theta` (a line was
     /// fitted), only the information.
-    pub fn take(&mut self, equations: &[EquationState], sums: &[Sums], theta: Option<&[f64]>, forgetting_factor: f64) {
+    pub fn take(&mut self, equations: &Equations, theta: Option<&[f64]>, forgetting_factor: f64) {
         if self.is_settled() {
             return;
         }
         let n = self.n;
         self.information.iter_mut().for_each(|v| *v *= forgetting_factor);
         self.vector.iter_mut().for_each(|v| *v *= forgetting_factor);
-        for (e, sums) in equations.iter().zip(sums) {
+        for (e, sums) in equations.pairs() {
             let weight = 1.0 / e.variance.max(TINY);
             let p = sums.params;
             for i in 0..p {

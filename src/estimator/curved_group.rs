@@ -16,8 +16,12 @@ impl GroupState {
         if options.max_iterations == 1 {
             return self.prior.curvature.clear();
         }
-        let (n, variance, priors) = (self.n, self.variance(), &options.parameters[self.parameters.clone()]);
-        let (equations, limits) = (self.equations.iter().zip(&self.at), &self.limits);
+        let (n, variance, priors) = (
+            self.n,
+            self.equations.variance(),
+            &options.parameters[self.parameters.clone()],
+        );
+        let (equations, limits) = (self.equations.pairs(), &self.limits);
         let theta = &theta[self.parameters.clone()];
         let weight = |i: usize| {
             let diagonal = |(e, sums): (&EquationState, &Sums)| {
@@ -45,9 +49,8 @@ impl GroupState {
         let curvature = &self.prior.curvature;
         curvature.turn_covariance(&mut self.errors.guess);
         curvature.turn_covariance(&mut self.errors.change);
-        for e in &mut self.equations {
-            curvature.turn_covariance(&mut e.noise_covariance);
-        }
+        let noise = self.equations.noise_covariances();
+        noise.for_each(|covariance| curvature.turn_covariance(covariance));
         self.considered.turn(curvature);
         self.confirmation.turn(curvature, own, self.prior.centre());
     }

@@ -43,7 +43,7 @@ impl DriftWatch {
         let change = 0.3 * groups.iter().map(|g| g.slope_rate(theta)).fold(DRIFT_RATE, f64::max);
         let (mut explained, mut moves, mut bends) = (true, false, false);
         for group in groups.iter_mut().filter(|g| g.drift.active) {
-            group.limit_by_known_noise(options);
+            group.equations.limit_by_known_noise(options);
             explained &= group.follow_line(rows, theta, change);
             moves |= group.drift.moves();
             bends |= group.line_bends(theta);
@@ -71,7 +71,7 @@ impl DriftWatch {
     ) -> IndexSet {
         let (mut rate, mut off) = (DRIFT_RATE, DRIFT_RATE);
         for group in groups.iter_mut() {
-            group.limit_by_known_noise(options);
+            group.equations.limit_by_known_noise(options);
             group.line_cost(rows, theta);
             let (own_rate, own_off) = group.line_rates(theta);
             (rate, off) = (rate.max(own_rate), off.max(own_off));

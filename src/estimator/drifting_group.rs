@@ -17,18 +17,19 @@ impl GroupState {
         let own = self.parameters.clone();
         self.drift
             .line
-            .fit(rows, &self.equations, theta, own, self.limits.fixed(), None)
+            .fit(rows, self.equations.states(), theta, own, self.limits.fixed(), None)
             .unwrap_or(f64::INFINITY)
     }
 
     /// True if the line's residuals are no larger than the noise known so far.
     pub fn line_is_consistent(&self) -> bool {
-        let rows: usize = self.at.iter().map(|s| s.rows).sum();
+        let rows = self.equations.rows();
         let outliers: usize = self.drift.line.outliers.iter().sum();
         let freedom = (rows - outliers.min(rows)) as f64 - 2.0 * self.n as f64;
-        let known: f64 = self.equations.iter().map(|e| e.freedom).sum();
+        let known = self.equations.freedom();
         let cost: f64 = self
             .equations
+            .states()
             .iter()
             .zip(&self.drift.line.costs)
             .map(|(e, cost)| cost / e.variance.max(TINY))
@@ -106,7 +107,7 @@ impl GroupState {
 
     fn fit_line(&mut self, rows: &dyn Summable, theta: &[f64]) -> bool {
         self.prior_from_covariance();
-        let variance = self.variance().max(TINY);
+        let variance = self.equations.variance().max(TINY);
         self.prior.divide(variance);
         let prior = LinePrior {
             start: self.prior.centre(),
@@ -117,7 +118,14 @@ impl GroupState {
         let own = self.parameters.clone();
         self.drift
             .line
-            .fit(rows, &self.equations, theta, own, self.limits.fixed(), Some(prior))
+            .fit(
+                rows,
+                self.equations.states(),
+                theta,
+                own,
+                self.limits.fixed(),
+                Some(prior),
+            )
             .is_some()
     }
 
@@ -139,9 +147,8 @@ impl GroupState {
                 self.errors.change[i * n + j] = covariance;
             }
         }
-        for (k, sums) in self.at.iter_mut().enumerate() {
-            (sums.cost, sums.outliers) = (self.drift.line.costs[k], self.drift.line.outliers[k]);
-        }
+        let line = &self.drift.line;
+        self.equations.take_line(&line.costs, &line.outliers);
         true
     }
 }

@@ -17,7 +17,7 @@
 //! Because a step of a fit is limited to a factor, a parameter that the data push below 0 only
 //! approaches its bound at 0 and need not sit on it.
 
-use super::equation::{TINY, add_grams, add_scores};
+use super::equation::TINY;
 use super::group::GroupState;
 use super::linalg::{gather, mul_vec};
 
@@ -40,13 +40,13 @@ impl GroupState {
         if !self.limits.free().any(near) {
             return false;
         }
-        let variance = self.variance().max(TINY);
+        let variance = self.equations.variance().max(TINY);
         // −½ ∂J/∂θ = g − S (θ − θ_l), less the slope of the prior
         let room = &mut self.room;
         self.prior.expand(&theta[self.parameters.clone()], room);
-        add_scores(&self.equations, &self.at, &mut room.gradient);
+        self.equations.add_scores(&mut room.gradient);
         room.a.fill(0.0);
-        add_grams(n, &self.equations, &self.at, &mut room.a);
+        self.equations.add_grams(&mut room.a);
         for i in 0..n {
             room.offset[i] = theta[start + i] - linearised[start + i];
         }

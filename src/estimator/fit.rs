@@ -14,7 +14,6 @@
 //! parameter and iteration: without it, a far start follows the curved valley of the products θ₆θ₉
 //! and θ₇θ₉ and takes 15 steps instead of 6. A step is halved until the cost falls.
 
-use super::equation::{add_grams, add_scores};
 use super::group::GroupState;
 use super::linalg::dot;
 use super::options::{EstimatorOptions, Outliers};
@@ -47,12 +46,11 @@ const HALVINGS: usize = 20;
 impl GroupState {
     /// Exactly (8): δ = Γ_m Σ φ f, with Γ_m of the forgetting rule.
     pub fn single_step(&mut self, theta: &mut [f64]) {
-        let n = self.n;
         self.room.total.copy_from_slice(self.prior.information());
-        add_grams(n, &self.equations, &self.at, &mut self.room.total);
-        self.rule.posterior(n, &mut self.room.total); // Γ_m⁻¹ of (9) or (10)
+        self.equations.add_grams(&mut self.room.total);
+        self.rule.posterior(self.n, &mut self.room.total); // Γ_m⁻¹ of (9) or (10)
         self.room.gradient.fill(0.0);
-        add_scores(&self.equations, &self.at, &mut self.room.gradient); // Σ φ f of (8)
+        self.equations.add_scores(&mut self.room.gradient); // Σ φ f of (8)
         self.room.scale.copy_from_slice(self.prior.centre());
         self.set_box(f64::INFINITY);
         let room = &self.room;
@@ -71,7 +69,7 @@ impl GroupState {
         theta: &mut [f64],
         options: &EstimatorOptions,
     ) -> Fit {
-        let mut cost = self.cost(&self.at, theta);
+        let mut cost = self.cost(self.equations.at(), theta);
         let mut fit = Fit {
             iterations: 0,
             converged: false,
@@ -81,20 +79,23 @@ impl GroupState {
         let mut closed = !matches!(options.outliers, Outliers::Gate(_));
         while (fit.iterations as usize) < options.max_iterations {
             if options.outliers != Outliers::Keep {
-                self.limit_outliers(rows, range.clone(), theta, closed, options);
-                cost = self.cost(&self.at, theta);
+                self.equations
+                    .limit_outliers(rows, range.clone(), theta, closed, options);
+                cost = self.cost(self.equations.at(), theta);
             }
             if self.tally.is_empty() {
                 // before the first block there is no knowledge: ε keeps unexcited directions in
                 // place, as in Levenberg's method, but the guess itself does not attract
                 self.prior.centre_at(&theta[self.parameters.clone()]);
-                cost = self.cost(&self.at, theta);
+                cost = self.cost(self.equations.at(), theta);
             }
             self.model(theta);
             self.set_box(options.step_factor);
             let room = &self.room;
             self.step.solve(&room.total, &room.gradient, &room.lower, &room.upper);
-            if !closed && (self.decrement() <= self.variance() || fit.iterations as usize + 3 >= options.max_iterations)
+            if !closed
+                && (self.decrement() <= self.equations.variance()
+                    || fit.iterations as usize + 3 >= options.max_iterations)
             {
                 closed = true;
                 continue;
@@ -119,17 +120,17 @@ impl GroupState {
     /// Takes the step, halved until the cost is no higher than `cost`; returns the new cost. `None`
     /// if only rounding is left to gain: then θ keeps its value.
     fn descend(&mut self, rows: &dyn Summable, range: Range<usize>, theta: &mut [f64], cost: f64) -> Option<f64> {
-        let slack = self.rounding();
+        let slack = self.equations.rounding();
         let mut fraction = 1.0;
         for _ in 0..HALVINGS {
             let step = |i: usize| fraction * self.step.delta()[i];
             let clamp = |i: usize, value: f64| self.limits.clamp(i, value);
             let own = &mut theta[self.parameters.clone()];
             self.prior.curvature.step(&self.room.scale, step, clamp, own);
-            if self.try_at(rows, range.clone(), theta) {
-                let candidate = self.cost(&self.trial, theta);
+            if self.equations.evaluate_trial(rows, range.clone(), theta) {
+                let candidate = self.cost(self.equations.trial(), theta);
                 if candidate <= cost + slack {
-                    std::mem::swap(&mut self.at, &mut self.trial);
+                    self.equations.accept_trial();
                     return Some(candidate);
                 }
             }
@@ -143,9 +144,9 @@ impl GroupState {
     fn model(&mut self, theta: &[f64]) {
         let (own, room) = (&theta[self.parameters.clone()], &mut self.room);
         self.prior.expand(own, room);
-        add_grams(self.n, &self.equations, &self.at, &mut room.total);
+        self.equations.add_grams(&mut room.total);
         room.scale.copy_from_slice(own);
-        add_scores(&self.equations, &self.at, &mut room.gradient);
+        self.equations.add_scores(&mut room.gradient);
     }
 
     /// True if the step is small relative to every parameter, or to the standard deviation of the
@@ -154,17 +155,12 @@ impl GroupState {
         let delta = self.step.delta();
         let own = &theta[self.parameters.clone()];
         let relative = delta.iter().zip(own).all(|(d, t)| d.abs() <= 1e-12 * t.abs());
-        relative || self.decrement() <= 1e-8 * self.variance()
+        relative || self.decrement() <= 1e-8 * self.equations.variance()
     }
 
     /// δᵀ(g − …), the squared length of the step in standard deviations, times σ².
     fn decrement(&self) -> f64 {
         dot(self.step.delta(), &self.room.gradient)
-    }
-
-    /// Change of the cost by rounding alone: about fifty rounding units per residual.
-    fn rounding(&self) -> f64 {
-        self.at.iter().map(|s| 1e-28 * s.size).sum()
     }
 
     fn cost(&self, sums: &[Sums], theta: &[f64]) -> f64 {

@@ -17,16 +17,17 @@ use super::confirmation::Confirmation;
 use super::considered::{Considered, LineUpdate, Update, room_for};
 use super::constrained::ConstrainedStep;
 use super::drift::Drift;
-use super::equation::{EquationState, TINY, add_gram, add_grams, chi_square, evaluate, mean_variance};
+use super::equation::{EquationState, TINY};
+use super::equations::Equations;
 use super::error_covariance::{ErrorCovariance, clear_entries};
 use super::forgetting::{Excitation, Rule};
+use super::index_set::IndexSet;
 use super::inquiry::Inquiry;
 use super::limits::Limits;
 use super::linalg::mul;
-use super::options::{EstimatorOptions, Forgetting, Outliers};
-use super::pass::{Loss, Summable, Sums};
+use super::options::{EstimatorOptions, Forgetting};
+use super::pass::Summable;
 use super::persist::Visit;
-use super::robust::Magnitudes;
 use super::score_sums::GroupEvidence;
 use super::sizes::Sizes;
 use super::tally::Tally;
@@ -39,7 +40,8 @@ use std::ops::Range;
 pub struct GroupState {
     pub parameters: Range<usize>,
     pub n: usize,
-    pub equations: Vec<EquationState>,
+    /// The equations, with the sums of the block.
+    pub equations: Equations,
     /// Γ⁻¹, n × n.
     pub information: Vec<f64>,
     /// Covariance of the error of θ̂.
@@ -67,12 +69,8 @@ pub struct GroupState {
     pub condition: f64,
     /// Λ and θ̄ of the present fit.
     pub prior: BlockPrior,
-    /// Sums at the present θ, and at a candidate.
-    pub at: Vec<Sums>,
-    pub trial: Vec<Sums>,
     pub rule: Rule,
     pub step: ConstrainedStep,
-    pub magnitudes: Magnitudes,
     pub room: Workspace,
 }
 
@@ -82,7 +80,7 @@ impl GroupState {
         let parameters = group.parameters.clone();
         let n = parameters.len();
         let priors = &options.parameters[parameters.clone()];
-        let equations: Vec<EquationState> = group
+        let equations = group
             .equations
             .iter()
             .map(|&index| {
@@ -90,7 +88,6 @@ impl GroupState {
                 EquationState::new(index, own, &parameters, options)
             })
             .collect();
-        let sums: Vec<Sums> = equations.iter().map(|e| Sums::new(e.parameters.len())).collect();
         let mut state = Self {
             n,
             information: vec![0.0; n * n],
@@ -106,7 +103,7 @@ impl GroupState {
                 options.drift_per_s > 0.0,
             ),
             inquiry: Inquiry::new(n, room_for(structure.equations.len())),
-            drift: Drift::new(n, structure.params, equations.len()),
+            drift: Drift::new(n, structure.params, group.equations.len()),
             tally: Tally::new(),
             limits: Limits::new(priors),
             sizes: Sizes::new(priors),
@@ -114,14 +111,11 @@ impl GroupState {
             confirmation: Confirmation::new(n),
             condition: 1.0,
             prior: BlockPrior::new(n),
-            at: sums.clone(),
-            trial: sums,
             rule: Rule::new(options, n),
             step: ConstrainedStep::new(n),
-            magnitudes: Magnitudes::new(),
             room: Workspace::new(n),
             parameters,
-            equations,
+            equations: Equations::new(n, equations),
         };
         for i in 0..n {
             state.forget_parameter(i, options.information_floor);
@@ -144,7 +138,7 @@ impl GroupState {
         v.flag(&mut self.drift.active);
         self.tally.visit(v);
         self.limits.visit(v);
-        self.equations.iter_mut().for_each(|e| e.visit(v));
+        self.equations.visit(v);
     }
 
     /// Resets in place to a state without data; `theta` holds all parameters of the plant.
@@ -154,7 +148,7 @@ impl GroupState {
             self.limits.set_fixed(i, prior.fixed);
             self.forget_parameter(i, options.information_floor);
         }
-        self.equations.iter_mut().for_each(EquationState::forget);
+        self.equations.forget();
         self.drift.forget();
         self.considered.forget();
         self.tally = Tally::new();
@@ -171,7 +165,7 @@ impl GroupState {
     /// True for a valid state: positive information, no negative variance.
     pub fn is_sound(&mut self) -> bool {
         let n = self.n;
-        let equations_hold = self.equations.iter().all(EquationState::is_sound);
+        let equations_hold = self.equations.is_sound();
         let symmetric = (0..n).all(|i| (0..i).all(|j| self.information[i * n + j] == self.information[j * n + i]));
         self.errors.is_sound() && equations_hold && symmetric && self.room.cholesky.factor(n, &self.information)
     }
@@ -186,31 +180,18 @@ impl GroupState {
             0.0
         };
         self.errors.forget_parameter(i, variance);
-        for e in &mut self.equations {
-            clear_entries(n, &mut e.noise_covariance, i, 0.0);
-        }
+        self.equations.forget_parameter(i);
         self.clusters.forget_parameter(i);
         self.considered.forget_parameter(i);
     }
 
-    /// Computes innovation and sums at θ̄. False if the rows are not finite there.
-    pub fn compute_innovation(&mut self, rows: &dyn Summable, theta: &[f64]) -> bool {
-        self.equations.iter_mut().for_each(|e| e.loss = Loss::Square);
-        let finite = self.evaluate_at(rows, 0..rows.len(), theta);
-        for (e, sums) in self.equations.iter_mut().zip(&self.at) {
-            e.innovation = (sums.cost, sums.rows);
-        }
-        finite
-    }
-
-    /// Noise level, excitation, and the prior Λ, θ̄; after
-    /// [`compute_innovation`](Self::compute_innovation).
+    /// Noise level, excitation, and the prior Λ, θ̄; after [`Equations::take_innovation`].
     pub fn begin(&mut self, rows: &dyn Summable, theta: &[f64], options: &EstimatorOptions) {
         self.tally.begin_block();
         let fixed = self.limits.fixed();
         self.considered.begin(rows, self.parameters.clone(), fixed);
-        self.set_variances(options);
-        self.limit_outliers(rows, 0..rows.len(), theta, true, options);
+        self.equations.set_variances(options);
+        self.equations.limit_outliers(rows, 0..rows.len(), theta, true, options);
         self.prior.centre_at(&theta[self.parameters.clone()]);
         self.adopt_products(rows, theta, options);
         self.walk(options);
@@ -225,37 +206,6 @@ impl GroupState {
         self.prior.forget(&mut self.rule, &self.information, &self.excitation);
     }
 
-    /// Sums at θ over `range` into `trial`, with the losses as they are.
-    pub fn try_at(&mut self, rows: &dyn Summable, range: Range<usize>, theta: &[f64]) -> bool {
-        evaluate(rows, range, theta, &self.equations, &mut self.trial)
-    }
-
-    /// Sums at θ over `range` into `at`, with the losses as they are.
-    pub fn evaluate_at(&mut self, rows: &dyn Summable, range: Range<usize>, theta: &[f64]) -> bool {
-        evaluate(rows, range, theta, &self.equations, &mut self.at)
-    }
-
-    /// Sets the losses from the residuals at θ and renews the sums there; an open gate is Huber's
-    /// function. Does nothing if outliers are not limited.
-    pub fn limit_outliers(
-        &mut self,
-        rows: &dyn Summable,
-        range: Range<usize>,
-        theta: &[f64],
-        closed: bool,
-        options: &EstimatorOptions,
-    ) {
-        if options.outliers == Outliers::Keep {
-            return;
-        }
-        for (e, sums) in self.equations.iter_mut().zip(&self.at) {
-            let regressor = &mut self.room.regressor[..e.parameters.len()];
-            let median = self.magnitudes.median(rows, e.index, range.clone(), theta, regressor);
-            e.limit_outliers(median / e.divisor, sums, closed, options);
-        }
-        self.evaluate_at(rows, range, theta);
-    }
-
     /// Γ_m⁻¹ and the covariance from the prior and the sums in `at`; learns the noise from the
     /// residuals in `at`, or those in `trial` if the sums in `at` were taken before the step.
     /// The block ends at `end_ns`.
@@ -263,13 +213,13 @@ impl GroupState {
         let n = self.n;
         self.turn(theta);
         self.information.copy_from_slice(self.prior.information());
-        add_grams(n, &self.equations, &self.at, &mut self.information); // (9), first line of (10)
+        self.equations.add_grams(&mut self.information); // (9), first line of (10)
         self.rule.posterior(n, &mut self.information); // second line of (10)
         self.condition = self.room.repair(&mut self.information);
         self.room.invert_free(&self.information, self.limits.fixed());
         let room = &mut self.room;
         room.total.fill(0.0);
-        add_grams(n, &self.equations, &self.at, &mut room.total);
+        self.equations.add_grams(&mut room.total);
         // A = I − K S; if Γ⁻¹ is exactly Λ + S, this is K Λ, which avoids cancellation
         if options.forgetting.is_bounded() || self.condition > LARGEST_CONDITION {
             mul(n, &room.gain, &room.total, &mut room.transition);
@@ -285,22 +235,15 @@ impl GroupState {
             gain: &room.gain,
             transition: &room.transition,
             total: &room.total,
-            equations: &self.equations,
-            sums: &self.at,
+            equations: self.equations.states(),
+            sums: self.equations.at(),
             moved: &room.offset,
         };
         self.considered.step(end_ns, &update);
         self.errors.carry(room);
-        for ((e, sums), after) in self.equations.iter_mut().zip(&self.at).zip(&self.trial) {
-            room.total.fill(0.0);
-            add_gram(n, e, sums, 1.0, &mut room.total);
-            self.errors.carry_noise(room, &mut e.noise_covariance);
-            // tr(K S_e): degrees of freedom that the parameters take
-            let taken: f64 = room.gain.iter().zip(&room.total).map(|(k, s)| k * s).sum();
-            e.learn(sums, if stepped { after.cost } else { sums.cost }, taken, options);
-        }
+        self.equations.learn(stepped, &mut self.errors, room, options);
         self.tally.end_block();
-        self.set_variances(options);
+        self.equations.set_variances(options);
         self.excite(theta);
         self.total_covariance();
     }
@@ -308,17 +251,9 @@ impl GroupState {
     /// Concludes a block with a fitted line: the covariance is the line's.
     pub fn conclude_line(&mut self, theta: &[f64], options: &EstimatorOptions) {
         self.errors.guess.fill(0.0);
-        let rows: usize = self.at.iter().map(|sums| sums.rows).sum();
-        for (e, sums) in self.equations.iter_mut().zip(&self.at) {
-            e.noise_covariance.fill(0.0);
-            // the line takes 2 n degrees of freedom of all rows of the group
-            let taken = 2.0 * self.n as f64 * sums.rows as f64 / rows.max(1) as f64;
-            let freedom = (sums.rows - sums.outliers) as f64 - taken;
-            e.scale = (sums.cost / freedom.max(1.0)).sqrt();
-            e.learn(sums, sums.cost, taken, options);
-        }
+        self.equations.learn_line(options);
         self.total_covariance();
-        self.set_variances(options);
+        self.equations.set_variances(options);
         self.prior_from_covariance();
         self.information.copy_from_slice(self.prior.information());
         self.condition = self.room.repair(&mut self.information);
@@ -333,7 +268,7 @@ impl GroupState {
         if priors.iter().all(|p| p.random_walk == 0.0) {
             return;
         }
-        let variance = self.variance().max(f64::MIN_POSITIVE);
+        let variance = self.equations.variance().max(f64::MIN_POSITIVE);
         let room = &mut self.room;
         room.invert_free(&self.information, self.limits.fixed());
         for i in self.limits.free() {
@@ -351,18 +286,6 @@ impl GroupState {
             }
         }
         self.total_covariance();
-    }
-
-    /// Noise variances for this block's decisions.
-    fn set_variances(&mut self, options: &EstimatorOptions) {
-        for (e, sums) in self.equations.iter_mut().zip(&self.at) {
-            e.set_variance(sums, options);
-        }
-    }
-
-    /// Mean noise variance of the rows in `at`.
-    pub fn variance(&self) -> f64 {
-        mean_variance(&self.equations, &self.at)
     }
 
     /// Size of parameter i: a change of 100 %.
@@ -405,12 +328,13 @@ impl GroupState {
     /// Directions that the sums in `at` inform on.
     pub fn excite(&mut self, theta: &[f64]) {
         let n = self.n;
-        self.sizes
-            .learn(&self.equations, &self.at, &theta[self.parameters.clone()]);
+        self.sizes.learn(
+            self.equations.states(),
+            self.equations.at(),
+            &theta[self.parameters.clone()],
+        );
         self.room.total.fill(0.0);
-        for (e, sums) in self.equations.iter().zip(&self.at) {
-            add_gram(n, e, sums, 1.0 / e.variance.max(TINY), &mut self.room.total);
-        }
+        self.equations.add_information(&mut self.room.total);
         for i in 0..n {
             self.room.scale[i] = self.size(theta, i);
             self.room.free[i] = self.limits.is_free(i);
@@ -421,7 +345,7 @@ impl GroupState {
 
     /// The total covariance from its parts.
     pub fn total_covariance(&mut self) {
-        self.errors.add_up(&self.equations);
+        self.errors.add_up(self.equations.states());
     }
 
     /// Sums over the columns of considered errors, at `theta` and over the rows of the fit.
@@ -429,13 +353,14 @@ impl GroupState {
         self.size_free(theta);
         self.considered.set_sizes(&self.room.scale);
         let changed = self.inquiry.is_open();
-        self.considered.accumulate(rows, range, theta, &self.equations, changed);
+        self.considered
+            .accumulate(rows, range, theta, self.equations.states(), changed);
     }
 
     /// The same for a fitted line; `theta` is workspace for all parameters.
     pub fn suspect_line(&mut self, rows: &dyn Summable, theta: &mut [f64]) {
         let update = LineUpdate {
-            equations: &self.equations,
+            equations: self.equations.states(),
             line: &self.drift.line,
             start_information: self.prior.information(),
             fixed: self.limits.fixed(),
@@ -444,27 +369,35 @@ impl GroupState {
         self.considered.step_line(rows, &update, theta);
     }
 
-    /// True if the noise level is not learnt from residuals but equals the floor of the options.
-    pub fn noise_is_configured(&self) -> bool {
-        self.equations.iter().all(|e| e.floor > 0.0)
+    /// Records whether the block fits, which it does if none of the group's equations is in
+    /// `misfit`; returns that.
+    pub fn judge(&mut self, misfit: IndexSet) -> bool {
+        let fits = self.equations.states().iter().all(|e| !misfit.contains(e.index));
+        self.tally.judge(fits);
+        fits
+    }
+
+    /// Adds the block to the clusters; see [`Clusters::end`].
+    pub fn end_clusters(&mut self, changed: bool) {
+        let (noise_is_configured, excitation) = (self.equations.noise_is_configured(), &self.excitation);
+        self.clusters.end(changed, noise_is_configured, |i| excitation.share(i));
     }
 
     /// The evidence of the block for terms that the model may lack.
     pub fn evidence(&self) -> GroupEvidence<'_> {
-        let noise_is_configured = self.noise_is_configured();
-        let (misfit, freedom, variance) = chi_square(&self.equations, &self.at, noise_is_configured);
+        let (misfit, freedom, variance) = self.equations.chi_square();
         GroupEvidence {
             scores: self.considered.evidence(),
             variance,
             misfit,
             freedom,
-            noise_is_configured,
+            noise_is_configured: self.equations.noise_is_configured(),
         }
     }
 
     /// Λ = σ² P⁻¹ from the present covariance, for a fit with the true prior.
     pub fn prior_from_covariance(&mut self) {
-        let variance = self.variance().max(TINY);
+        let variance = self.equations.variance().max(TINY);
         let (fixed, room) = (self.limits.fixed(), &mut self.room);
         self.prior
             .trust(&self.errors.total, variance, fixed, &self.information, room);

@@ -75,11 +75,11 @@ impl Groups {
         self.iter().find(|g| g.parameters.contains(&parameter))
     }
 
-    /// Evaluates the block at θ, see [`GroupState::compute_innovation`], for all groups or none,
-    /// because their estimates must be of the same block. False if any row is not finite there.
+    /// Takes the sums of the block at θ for all groups or none, because their estimates must be of
+    /// the same block. False if any row is not finite there.
     pub fn compute_innovation(&mut self, rows: &dyn Summable, theta: &[f64]) -> bool {
         self.iter_mut()
-            .map(|g| g.compute_innovation(rows, theta))
+            .map(|g| g.equations.take_innovation(rows, theta))
             .fold(true, |all, finite| all & finite)
     }
 

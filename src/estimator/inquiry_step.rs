@@ -49,26 +49,26 @@ impl GroupState {
         for i in 0..self.n {
             self.room.scale[i] = self.sizes.of(i, self.prior.centre()[i]);
         }
-        let levels = self.equations.iter().filter(|e| e.floor > 0.0);
-        let level = levels.map(|e| e.variance / (e.floor * e.floor)).fold(1.0, f64::max);
-        let surprise = self.equations.iter().map(|e| e.surprise).fold(0.0, f64::max);
         // without the widening by considered errors, because these have not changed
         let published = self.confirmation.covariance.iter().zip(&self.widened_total);
         let known = self.room.a.iter_mut().zip(&self.errors.total);
         known
             .zip(published)
             .for_each(|((a, total), (open, widened_total))| *a = total + open - widened_total);
-        self.inquiry
-            .begin(self.prior.centre(), &self.room.a, &self.room.scale, [level, surprise]);
+        self.inquiry.begin(
+            self.prior.centre(),
+            &self.room.a,
+            &self.room.scale,
+            self.equations.usual(),
+        );
     }
 
     /// True if the estimate was before the block, or is now, so far off that the rows are no
     /// evidence about the change.
     fn is_on_its_way(&self, fit: &[f64]) -> bool {
         let [level, surprise] = self.inquiry.usual();
-        let equations = self.equations.iter().zip(&self.at);
-        equations
-            .into_iter()
+        self.equations
+            .pairs()
             .any(|(e, sums)| fit[e.index] >= ROUGH * level || e.excess(sums) > MOVED + 2.0 * surprise)
     }
 
@@ -87,16 +87,16 @@ impl GroupState {
         let own = &mut theta[self.parameters.clone()];
         self.inquiry.look_at(own, &self.errors.total);
         own.copy_from_slice(self.inquiry.reference());
-        if !self.try_at(rows, range.clone(), theta) {
+        if !self.equations.evaluate_trial(rows, range.clone(), theta) {
             return false;
         }
         self.suspect(rows, range, theta);
         let block = BlockSums {
             parameters: self.parameters.clone(),
-            equations: &self.equations,
-            sums: &self.trial,
+            equations: self.equations.states(),
+            sums: self.equations.trial(),
             columns: self.considered.sums(),
-            variance: self.variance(),
+            variance: self.equations.variance(),
         };
         self.inquiry.take(rows, &block, options.forgetting_factor);
         true

@@ -33,6 +33,7 @@ mod drift;
 mod drift_watch;
 mod drifting_group;
 mod equation;
+mod equations;
 mod error_covariance;
 mod evidence;
 mod explained;

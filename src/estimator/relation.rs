@@ -84,7 +84,11 @@ impl Published {
             if let Some(k) = holder
                 && self.impose(k, &groups[k], relation.map(|index| index - groups[k].parameters.start))
             {
-                groups[k].equations.iter().for_each(|e| contradicting.insert(e.index));
+                groups[k]
+                    .equations
+                    .states()
+                    .iter()
+                    .for_each(|e| contradicting.insert(e.index));
             }
         }
         contradicting

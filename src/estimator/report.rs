@@ -275,7 +275,7 @@ impl Report {
             }
             self.rank += group.excitation.rank;
             self.condition = self.condition.max(group.condition);
-            for (e, sums) in group.equations.iter().zip(&group.at) {
+            for (e, sums) in group.equations.pairs() {
                 if !informed {
                     self.uninformed.insert(e.index);
                 }

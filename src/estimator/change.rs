@@ -142,7 +142,7 @@ impl GroupState {
         let n = self.n;
         let room = &mut self.room;
         for i in 0..n {
-            let v = self.errors.total[i * n + i] + (GUESS - 1.0) * self.errors.guess[i * n + i];
+            let v = self.errors.doubting_guess(i * n + i, GUESS);
             room.scale[i] = if v > 0.0 && self.limits.is_free(i) {
                 v.sqrt()
             } else {
@@ -151,7 +151,7 @@ impl GroupState {
         }
         for k in 0..n * n {
             let (si, sj) = (room.scale[k / n], room.scale[k % n]);
-            let v = self.errors.total[k] + (GUESS - 1.0) * self.errors.guess[k];
+            let v = self.errors.doubting_guess(k, GUESS);
             room.a[k] = if si > 0.0 && sj > 0.0 { v / (si * sj) } else { 0.0 };
         }
         room.eigen.decompose(n, &room.a);
@@ -302,7 +302,7 @@ impl GroupState {
                 _ if self.excitation.touches(i) => share * size,
                 _ => 0.0,
             };
-            self.errors.change[i * n + i] += by * by;
+            self.errors.add_change(i, by * by);
         }
         self.total_covariance();
     }

@@ -16,11 +16,8 @@ impl GroupState {
         if options.max_iterations == 1 {
             return self.prior.curvature.clear();
         }
-        let (n, variance, priors) = (
-            self.n,
-            self.equations.variance(),
-            &options.parameters[self.parameters.clone()],
-        );
+        let priors = &options.parameters[self.parameters.clone()];
+        let variance = self.equations.variance();
         let (equations, limits) = (self.equations.pairs(), &self.limits);
         let theta = &theta[self.parameters.clone()];
         let weight = |i: usize| {
@@ -33,7 +30,7 @@ impl GroupState {
         };
         self.prior.curvature.adopt(rows, self.parameters.start, weight);
         let open = |i: usize| {
-            let wide = self.errors.total[i * n + i] > (HELD * theta[i]).powi(2);
+            let wide = self.errors.variance(i) > (HELD * theta[i]).powi(2);
             let size = priors[i].start.abs().max(priors[i].std);
             (wide && size > 0.0).then_some(size)
         };
@@ -47,8 +44,7 @@ impl GroupState {
             return;
         }
         let curvature = &self.prior.curvature;
-        curvature.turn_covariance(&mut self.errors.guess);
-        curvature.turn_covariance(&mut self.errors.change);
+        self.errors.turn(curvature);
         let noise = self.equations.noise_covariances();
         noise.for_each(|covariance| curvature.turn_covariance(covariance));
         self.considered.turn(curvature);

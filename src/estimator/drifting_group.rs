@@ -67,7 +67,7 @@ impl GroupState {
             self.drift.slope[i] = 0.0;
             self.drift.slope_variance[i] = (rate * size).powi(2);
             if self.limits.is_free(i) {
-                self.errors.change[i * self.n + i] += (off.min(1.0) * size).powi(2);
+                self.errors.add_change(i, (off.min(1.0) * size).powi(2));
             }
         }
         self.total_covariance();
@@ -137,17 +137,12 @@ impl GroupState {
         }
         for i in 0..n {
             theta[self.parameters.start + i] = self.limits.clamp(i, self.drift.end(i));
-            for j in 0..n {
-                let free = self.limits.is_free(i) && self.limits.is_free(j);
-                let covariance = if free {
-                    self.drift.line.end_covariance(i, j)
-                } else {
-                    0.0
-                };
-                self.errors.change[i * n + j] = covariance;
-            }
         }
-        let line = &self.drift.line;
+        let (line, limits) = (&self.drift.line, &self.limits);
+        self.errors.take_line(|i, j| {
+            let free = limits.is_free(i) && limits.is_free(j);
+            if free { line.end_covariance(i, j) } else { 0.0 }
+        });
         self.equations.take_line(&line.costs, &line.outliers);
         true
     }

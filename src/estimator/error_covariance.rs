@@ -11,6 +11,7 @@
 //! for noise of unit variance, so that the noise level may still be learnt, and separately for the
 //! uncertainty of the start value and of changes since.
 
+use super::curvature::Curvature;
 use super::equation::EquationState;
 use super::linalg::Congruence;
 use super::persist::Visit;
@@ -22,11 +23,11 @@ use super::workspace::Workspace;
 pub struct ErrorCovariance {
     n: usize,
     /// Of the error of the start value.
-    pub guess: Vec<f64>,
+    guess: Vec<f64>,
     /// Of the error from changes of the plant since then.
-    pub change: Vec<f64>,
+    change: Vec<f64>,
     /// P: the sum of all parts, weighted with the noise variances.
-    pub total: Vec<f64>,
+    total: Vec<f64>,
     congruence: Congruence,
 }
 
@@ -60,6 +61,48 @@ impl ErrorCovariance {
         clear_entries(self.n, &mut self.guess, i, variance);
         clear_entries(self.n, &mut self.change, i, 0.0);
         clear_entries(self.n, &mut self.total, i, variance);
+    }
+
+    /// P, n × n.
+    pub fn total(&self) -> &[f64] {
+        &self.total
+    }
+
+    /// P_ii.
+    pub fn variance(&self, i: usize) -> f64 {
+        self.total[i * self.n + i]
+    }
+
+    /// Entry k of P with the guess's variance multiplied by `factor`.
+    pub fn doubting_guess(&self, k: usize, factor: f64) -> f64 {
+        self.total[k] + (factor - 1.0) * self.guess[k]
+    }
+
+    /// Parameter i may have changed by an amount of this variance. [`add_up`](Self::add_up) adds it
+    /// to P.
+    pub fn add_change(&mut self, i: usize, variance: f64) {
+        self.change[i * self.n + i] += variance;
+    }
+
+    /// What is known comes from a line, whose end has errors of this `covariance`(i, j); see
+    /// [`end_guess`](Self::end_guess).
+    pub fn take_line(&mut self, covariance: impl Fn(usize, usize) -> f64) {
+        for i in 0..self.n {
+            for j in 0..self.n {
+                self.change[i * self.n + j] = covariance(i, j);
+            }
+        }
+    }
+
+    /// The start value has no share in the error any more.
+    pub fn end_guess(&mut self) {
+        self.guess.fill(0.0);
+    }
+
+    /// Refers guess and change to the θ that `curvature` was turned to.
+    pub fn turn(&mut self, curvature: &Curvature) {
+        curvature.turn_covariance(&mut self.guess);
+        curvature.turn_covariance(&mut self.change);
     }
 
     /// P ← A P Aᵀ for guess and change; `room` holds A as `transition`.

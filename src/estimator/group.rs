@@ -250,7 +250,7 @@ impl GroupState {
 
     /// Concludes a block with a fitted line: the covariance is the line's.
     pub fn conclude_line(&mut self, theta: &[f64], options: &EstimatorOptions) {
-        self.errors.guess.fill(0.0);
+        self.errors.end_guess();
         self.equations.learn_line(options);
         self.total_covariance();
         self.equations.set_variances(options);
@@ -273,7 +273,7 @@ impl GroupState {
         room.invert_free(&self.information, self.limits.fixed());
         for i in self.limits.free() {
             let q = (priors[i].random_walk * self.prior.centre()[i]).powi(2);
-            self.errors.change[i * n + i] += q;
+            self.errors.add_change(i, q);
             room.gain[i * n + i] += q / variance;
         }
         room.invert_gain(self.limits.fixed());
@@ -304,14 +304,14 @@ impl GroupState {
     /// True if a free parameter has a standard deviation above half its size, which is evaluated at
     /// `theta`.
     pub fn is_open(&self, theta: &[f64]) -> bool {
-        let wide = |i: usize| self.errors.total[i * self.n + i] > (0.5 * self.size(theta, i)).powi(2);
+        let wide = |i: usize| self.errors.variance(i) > (0.5 * self.size(theta, i)).powi(2);
         self.limits.free().any(wide)
     }
 
     /// Computes the covariance that may be published: P widened by considered errors, and by what
     /// the data since the last change have not confirmed.
     pub fn publish(&mut self, theta: &[f64]) {
-        self.widened_total.copy_from_slice(&self.errors.total);
+        self.widened_total.copy_from_slice(self.errors.total());
         self.clusters.widen(&mut self.widened_total);
         self.weights.copy_from_slice(&self.widened_total);
         self.considered.widen_weights(&mut self.weights);
@@ -400,6 +400,6 @@ impl GroupState {
         let variance = self.equations.variance().max(TINY);
         let (fixed, room) = (self.limits.fixed(), &mut self.room);
         self.prior
-            .trust(&self.errors.total, variance, fixed, &self.information, room);
+            .trust(self.errors.total(), variance, fixed, &self.information, room);
     }
 }

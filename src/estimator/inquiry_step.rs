@@ -51,7 +51,7 @@ impl GroupState {
         }
         // without the widening by considered errors, because these have not changed
         let published = self.confirmation.covariance.iter().zip(&self.widened_total);
-        let known = self.room.a.iter_mut().zip(&self.errors.total);
+        let known = self.room.a.iter_mut().zip(self.errors.total());
         known
             .zip(published)
             .for_each(|((a, total), (open, widened_total))| *a = total + open - widened_total);
@@ -85,7 +85,7 @@ impl GroupState {
             return false;
         }
         let own = &mut theta[self.parameters.clone()];
-        self.inquiry.look_at(own, &self.errors.total);
+        self.inquiry.look_at(own, self.errors.total());
         own.copy_from_slice(self.inquiry.reference());
         if !self.equations.evaluate_trial(rows, range.clone(), theta) {
             return false;

@@ -257,7 +257,7 @@ impl BlockEstimator {
     /// `None` if no equation has it.
     pub fn information(&self, parameter: usize) -> Option<(Range<usize>, &[f64])> {
         let group = self.groups.holding(parameter)?;
-        Some((group.parameters.clone(), &group.information))
+        Some((group.parameters.clone(), group.information.matrix()))
     }
 
     /// Covariance of the errors of two parameters as they are published, see [`Report::theta`]; 0

@@ -7,7 +7,8 @@
 //! Every θ here is that of the group.
 
 use super::curvature::Curvature;
-use super::forgetting::{Excitation, Rule};
+use super::forgetting::Excitation;
+use super::information::Information;
 use super::linalg::{dot, mul_vec};
 use super::workspace::Workspace;
 
@@ -50,8 +51,8 @@ impl BlockPrior {
     }
 
     /// Λ as forgetting makes it from Γ⁻¹.
-    pub fn forget(&mut self, rule: &mut Rule, information: &[f64], excitation: &Excitation) {
-        rule.prior(self.n, information, excitation, &mut self.information);
+    pub fn forget(&mut self, information: &mut Information, excitation: &Excitation) {
+        information.carry(excitation, &mut self.information);
     }
 
     /// A weak Λ, for a fit to the rows alone: 100 % of each parameter, where `variance` is σ².

@@ -48,7 +48,7 @@ impl GroupState {
     pub fn single_step(&mut self, theta: &mut [f64]) {
         self.room.total.copy_from_slice(self.prior.information());
         self.equations.add_grams(&mut self.room.total);
-        self.rule.posterior(self.n, &mut self.room.total); // Γ_m⁻¹ of (9) or (10)
+        self.information.bound(&mut self.room.total); // Γ_m⁻¹ of (9) or (10)
         self.room.gradient.fill(0.0);
         self.equations.add_scores(&mut self.room.gradient); // Σ φ f of (8)
         self.room.scale.copy_from_slice(self.prior.centre());

@@ -12,16 +12,16 @@
 
 use super::block_prior::BlockPrior;
 use super::clusters::Clusters;
-use super::conditioning::LARGEST_CONDITION;
 use super::confirmation::Confirmation;
 use super::considered::{Considered, LineUpdate, Update, room_for};
 use super::constrained::ConstrainedStep;
 use super::drift::Drift;
 use super::equation::{EquationState, TINY};
 use super::equations::Equations;
-use super::error_covariance::{ErrorCovariance, clear_entries};
-use super::forgetting::{Excitation, Rule};
+use super::error_covariance::ErrorCovariance;
+use super::forgetting::Excitation;
 use super::index_set::IndexSet;
+use super::information::Information;
 use super::inquiry::Inquiry;
 use super::limits::Limits;
 use super::linalg::mul;
@@ -42,8 +42,8 @@ pub struct GroupState {
     pub n: usize,
     /// The equations, with the sums of the block.
     pub equations: Equations,
-    /// Γ⁻¹, n × n.
-    pub information: Vec<f64>,
+    /// Γ⁻¹, and the rule that forgets.
+    pub information: Information,
     /// Covariance of the error of θ̂.
     pub errors: ErrorCovariance,
     /// The total, widened by disagreement between blocks and by considered errors, n × n.
@@ -65,11 +65,8 @@ pub struct GroupState {
     pub excitation: Excitation,
     /// Evidence since the last change, and the covariance that may be published.
     pub confirmation: Confirmation,
-    /// Condition number of the column-scaled information.
-    pub condition: f64,
     /// Λ and θ̄ of the present fit.
     pub prior: BlockPrior,
-    pub rule: Rule,
     pub step: ConstrainedStep,
     pub room: Workspace,
 }
@@ -90,7 +87,7 @@ impl GroupState {
             .collect();
         let mut state = Self {
             n,
-            information: vec![0.0; n * n],
+            information: Information::new(options, n),
             errors: ErrorCovariance::new(n),
             widened_total: vec![0.0; n * n],
             weights: vec![0.0; n * n],
@@ -109,9 +106,7 @@ impl GroupState {
             sizes: Sizes::new(priors),
             excitation: Excitation::new(n),
             confirmation: Confirmation::new(n),
-            condition: 1.0,
             prior: BlockPrior::new(n),
-            rule: Rule::new(options, n),
             step: ConstrainedStep::new(n),
             room: Workspace::new(n),
             parameters,
@@ -127,7 +122,7 @@ impl GroupState {
 
     /// What goes from block to block; see `persist.rs`.
     pub fn visit(&mut self, v: &mut impl Visit) {
-        v.reals(&mut self.information);
+        self.information.visit(v);
         self.errors.visit(v);
         self.drift.visit(v);
         self.confirmation.visit(v);
@@ -152,28 +147,24 @@ impl GroupState {
         self.drift.forget();
         self.considered.forget();
         self.tally = Tally::new();
-        self.condition = 1.0;
+        self.information.forget_condition();
         self.excitation.clear();
         self.confirmation.begin(&theta[self.parameters.clone()]);
     }
 
     /// Adopts the options that may change at run time: λ and ε of the rule.
     pub fn retune(&mut self, options: &EstimatorOptions) {
-        self.rule.retune(options);
+        self.information.retune(options);
     }
 
     /// True for a valid state: positive information, no negative variance.
     pub fn is_sound(&mut self) -> bool {
-        let n = self.n;
-        let equations_hold = self.equations.is_sound();
-        let symmetric = (0..n).all(|i| (0..i).all(|j| self.information[i * n + j] == self.information[j * n + i]));
-        self.errors.is_sound() && equations_hold && symmetric && self.room.cholesky.factor(n, &self.information)
+        self.errors.is_sound() && self.equations.is_sound() && self.information.is_sound(&mut self.room)
     }
 
     /// Resets parameter i to its state at the start: information ε, no correlation.
     pub fn forget_parameter(&mut self, i: usize, floor: f64) {
-        let n = self.n;
-        clear_entries(n, &mut self.information, i, floor);
+        self.information.forget_parameter(i, floor);
         let variance = if self.limits.is_free(i) {
             self.sizes.stated(i).powi(2)
         } else {
@@ -203,7 +194,7 @@ impl GroupState {
 
     /// The prior of the block, as forgetting makes it.
     pub fn prior_from_information(&mut self) {
-        self.prior.forget(&mut self.rule, &self.information, &self.excitation);
+        self.prior.forget(&mut self.information, &self.excitation);
     }
 
     /// Γ_m⁻¹ and the covariance from the prior and the sums in `at`; learns the noise from the
@@ -212,16 +203,13 @@ impl GroupState {
     pub fn conclude(&mut self, theta: &[f64], stepped: bool, end_ns: u64, options: &EstimatorOptions) {
         let n = self.n;
         self.turn(theta);
-        self.information.copy_from_slice(self.prior.information());
-        self.equations.add_grams(&mut self.information); // (9), first line of (10)
-        self.rule.posterior(n, &mut self.information); // second line of (10)
-        self.condition = self.room.repair(&mut self.information);
-        self.room.invert_free(&self.information, self.limits.fixed());
         let room = &mut self.room;
+        self.information.update(self.prior.information(), &self.equations, room);
+        room.invert_free(self.information.matrix(), self.limits.fixed());
         room.total.fill(0.0);
         self.equations.add_grams(&mut room.total);
         // A = I − K S; if Γ⁻¹ is exactly Λ + S, this is K Λ, which avoids cancellation
-        if options.forgetting.is_bounded() || self.condition > LARGEST_CONDITION {
+        if options.forgetting.is_bounded() || self.information.was_repaired() {
             mul(n, &room.gain, &room.total, &mut room.transition);
             for (k, v) in room.transition.iter_mut().enumerate() {
                 *v = if k % (n + 1) == 0 { 1.0 - *v } else { -*v };
@@ -255,8 +243,7 @@ impl GroupState {
         self.total_covariance();
         self.equations.set_variances(options);
         self.prior_from_covariance();
-        self.information.copy_from_slice(self.prior.information());
-        self.condition = self.room.repair(&mut self.information);
+        self.information.replace(self.prior.information(), &mut self.room);
         self.tally.end_block();
         self.excite(theta);
     }
@@ -270,21 +257,14 @@ impl GroupState {
         }
         let variance = self.equations.variance().max(f64::MIN_POSITIVE);
         let room = &mut self.room;
-        room.invert_free(&self.information, self.limits.fixed());
+        room.invert_free(self.information.matrix(), self.limits.fixed());
         for i in self.limits.free() {
             let q = (priors[i].random_walk * self.prior.centre()[i]).powi(2);
             self.errors.add_change(i, q);
             room.gain[i * n + i] += q / variance;
         }
         room.invert_gain(self.limits.fixed());
-        for i in 0..n {
-            for j in 0..n {
-                // a fixed parameter keeps its own information, uncorrelated with the others
-                if self.limits.is_free(i) && self.limits.is_free(j) {
-                    self.information[i * n + j] = room.gain[i * n + j];
-                }
-            }
-        }
+        self.information.replace_free(&room.gain, &self.limits);
         self.total_covariance();
     }
 
@@ -400,6 +380,6 @@ impl GroupState {
         let variance = self.equations.variance().max(TINY);
         let (fixed, room) = (self.limits.fixed(), &mut self.room);
         self.prior
-            .trust(self.errors.total(), variance, fixed, &self.information, room);
+            .trust(self.errors.total(), variance, fixed, self.information.matrix(), room);
     }
 }

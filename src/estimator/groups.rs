@@ -147,7 +147,7 @@ impl Groups {
     pub fn information_figures(&self) -> (f64, f64) {
         let (mut sum, mut asymmetry) = (0.0, 0.0f64);
         for group in self.iter() {
-            let (n, m) = (group.n, &group.information);
+            let (n, m) = (group.n, group.information.matrix());
             for i in 0..n {
                 if group.limits.is_free(i) {
                     sum += m[i * n + i].max(f64::MIN_POSITIVE).ln();

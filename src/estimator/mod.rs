@@ -43,6 +43,7 @@ mod forgetting;
 mod group;
 mod groups;
 mod index_set;
+mod information;
 mod inquiry;
 mod inquiry_step;
 mod limits;

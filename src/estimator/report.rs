@@ -274,7 +274,7 @@ impl Report {
                 }
             }
             self.rank += group.excitation.rank;
-            self.condition = self.condition.max(group.condition);
+            self.condition = self.condition.max(group.information.condition());
             for (e, sums) in group.equations.pairs() {
                 if !informed {
                     self.uninformed.insert(e.index);

@@ -31,6 +31,7 @@ use super::persist::Visit;
 use super::score_sums::GroupEvidence;
 use super::sizes::Sizes;
 use super::tally::Tally;
+use super::widened::Widened;
 use super::workspace::Workspace;
 use super::{Group, Structure};
 use std::ops::Range;
@@ -46,10 +47,8 @@ pub struct GroupState {
     pub information: Information,
     /// Covariance of the error of θ̂.
     pub errors: ErrorCovariance,
-    /// The total, widened by disagreement between blocks and by considered errors, n × n.
-    pub widened_total: Vec<f64>,
-    /// W of `considered_covariance.rs`, n × n, widened as the covariance that may be published.
-    pub weights: Vec<f64>,
+    /// The same and W, widened.
+    pub widened: Widened,
     /// Probability of the last block if the plant is unchanged.
     pub probability: f64,
     pub clusters: Clusters,
@@ -89,8 +88,7 @@ impl GroupState {
             n,
             information: Information::new(options, n),
             errors: ErrorCovariance::new(n),
-            widened_total: vec![0.0; n * n],
-            weights: vec![0.0; n * n],
+            widened: Widened::new(n),
             probability: 1.0,
             clusters: Clusters::new(n),
             considered: Considered::new(
@@ -291,18 +289,12 @@ impl GroupState {
     /// Computes the covariance that may be published: P widened by considered errors, and by what
     /// the data since the last change have not confirmed.
     pub fn publish(&mut self, theta: &[f64]) {
-        self.widened_total.copy_from_slice(self.errors.total());
-        self.clusters.widen(&mut self.widened_total);
-        self.weights.copy_from_slice(&self.widened_total);
-        self.considered.widen_weights(&mut self.weights);
-        self.considered.widen(&mut self.widened_total);
+        self.widened
+            .take(self.errors.total(), &self.clusters, &mut self.considered);
         self.size_free(theta);
         let own = &theta[self.parameters.clone()];
-        self.confirmation.publish(own, &self.room.scale, &self.widened_total);
-        let widened = self.confirmation.covariance.iter().zip(&self.widened_total);
-        for (v, (after, before)) in self.weights.iter_mut().zip(widened) {
-            *v += after - before;
-        }
+        self.confirmation.publish(own, &self.room.scale, self.widened.total());
+        self.widened.add_unconfirmed(&self.confirmation.covariance);
     }
 
     /// Directions that the sums in `at` inform on.

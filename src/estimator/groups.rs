@@ -119,7 +119,7 @@ impl Groups {
 
     /// Entry (i, j) of the matrix that `of` returns for a group; 0 between groups. i and j count
     /// over all parameters.
-    pub fn entry<'a>(&self, i: usize, j: usize, of: impl Fn(usize) -> &'a Vec<f64>) -> f64 {
+    pub fn entry<'a>(&self, i: usize, j: usize, of: impl Fn(usize) -> &'a [f64]) -> f64 {
         let holds = |g: &GroupState| g.parameters.contains(&i) && g.parameters.contains(&j);
         self.iter().position(holds).map_or(0.0, |k| {
             let group = &self[k];
@@ -136,7 +136,7 @@ impl Groups {
         let mut variance = 0.0;
         for (i, s) in terms {
             for (j, t) in terms {
-                let covariance = self.entry(i, j, |k| &self[k].widened_total);
+                let covariance = self.entry(i, j, |k| self[k].widened.total());
                 variance += s * t * covariance / (theta[i] * theta[j]);
             }
         }

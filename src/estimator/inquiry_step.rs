@@ -49,12 +49,9 @@ impl GroupState {
         for i in 0..self.n {
             self.room.scale[i] = self.sizes.of(i, self.prior.centre()[i]);
         }
-        // without the widening by considered errors, because these have not changed
-        let published = self.confirmation.covariance.iter().zip(&self.widened_total);
-        let known = self.room.a.iter_mut().zip(self.errors.total());
-        known
-            .zip(published)
-            .for_each(|((a, total), (open, widened_total))| *a = total + open - widened_total);
+        // considered errors have not changed
+        self.widened
+            .unconfirmed(self.errors.total(), &self.confirmation.covariance, &mut self.room.a);
         self.inquiry.begin(
             self.prior.centre(),
             &self.room.a,

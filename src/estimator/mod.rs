@@ -69,6 +69,7 @@ mod summed_rows;
 mod suspect_rows;
 mod suspicion;
 mod tally;
+mod widened;
 mod workspace;
 mod wrls;
 

@@ -56,8 +56,8 @@ impl Published {
         let largest = groups.iter().map(|g| g.n).max().unwrap_or(0);
         Self {
             theta: theta.to_vec(),
-            covariance: groups.iter().map(|g| g.widened_total.clone()).collect(),
-            weights: groups.iter().map(|g| g.weights.clone()).collect(),
+            covariance: groups.iter().map(|g| g.widened.total().to_vec()).collect(),
+            weights: groups.iter().map(|g| g.widened.weights().to_vec()).collect(),
             gradient: vec![0.0; largest],
             image: vec![0.0; largest],
             mean: vec![0.0; largest],
@@ -73,7 +73,7 @@ impl Published {
         let published = self.covariance.iter_mut().zip(&mut self.weights);
         for (k, ((covariance, weights), group)) in published.zip(groups.iter()).enumerate() {
             covariance.copy_from_slice(&group.confirmation.covariance);
-            weights.copy_from_slice(&group.weights);
+            weights.copy_from_slice(group.widened.weights());
             if groups.cause_search.is_ambiguous(k) {
                 group.inquiry.widen(&theta[group.parameters.clone()], covariance);
             }

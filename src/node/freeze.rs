@@ -196,8 +196,8 @@ impl FreezeWatch {
     /// Rule D: share of the steps that follow a standstill.
     const LEAPS: f64 = 0.8;
 
-    /// With M = `patience` samples, 0 to turn it off, every `period_s`, and the joints that friction
-    /// can hold.
+    /// With M = `patience` samples, 0 to turn it off, every `period_s`, and the joints that
+    /// friction can hold.
     pub(super) fn new(patience: u64, period_s: f64, sticking: [bool; MAX_JOINTS]) -> Self {
         Self {
             patience,
@@ -434,7 +434,7 @@ mod tests {
         assert_eq!(signed.first(), None);
     }
 
-    /// The input rises from minus a share of its largest magnitude to plus it while the joint rests.
+    /// The input rises from minus a share of its largest magnitude to plus it at rest.
     #[test]
     fn fault_a_joint_that_friction_can_hold_is_frozen_only_if_the_input_moves_by_all_of_it() {
         for (sticking, share, expected) in [(false, 0.4, true), (true, 0.4, false), (true, 0.8, true)] {

@@ -77,7 +77,7 @@ const GRID: usize = 64;
 
 impl GroupState {
     /// Probability of T at least this large if the plant is unchanged; 1 if there is nothing to
-    /// compare with. `at` holds the sums of all rows at `theta`.
+    /// compare with. The sums are those of all rows at `theta`.
     pub fn change_probability(&mut self, rows: &dyn Summable, theta: &[f64]) -> f64 {
         let probability = self.probability_of_the_block(theta, None);
         if probability < JOINS {
@@ -252,7 +252,7 @@ impl GroupState {
         self.fit(rows, range, theta, options)
     }
 
-    /// True if the residuals in `at` are no larger than the noise known so far.
+    /// True if the residuals at θ are no larger than the noise known so far.
     pub fn is_consistent(&self, options: &EstimatorOptions) -> bool {
         self.equations.pairs().all(|(e, sums)| {
             let mut freedom = (sums.rows - sums.outliers) as f64 - sums.params as f64;
@@ -269,7 +269,7 @@ impl GroupState {
         }) && !self.is_another_plant(options)
     }
 
-    /// Largest ratio, over the equations, of the residual variance in `at` to the noise variance
+    /// Largest ratio, over the equations, of the residual variance at θ to the noise variance
     /// known so far.
     pub fn excess(&self) -> f64 {
         let of = |(e, sums): (&EquationState, &Sums)| {
@@ -279,7 +279,7 @@ impl GroupState {
         self.equations.pairs().map(of).fold(0.0, f64::max)
     }
 
-    /// Widens the covariance of the parameters that `at` informs on, alone or in combination:
+    /// Widens the covariance of the parameters that the rows inform on, alone or in combination:
     /// parameter i by `sizes`[i], or by its whole size.
     ///
     /// If a combination remains open, all its members are widened alike, because what was known of

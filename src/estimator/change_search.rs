@@ -255,7 +255,7 @@ impl ChangeSearch<'_> {
                     excess = group.excess().max(excess);
                     if free && row > whole.start {
                         self.before[own.clone()].copy_from_slice(group.prior.centre());
-                        // `at` must hold the sums of the later part, so it is fitted last
+                        // the sums must be those of the later part, so it is fitted last
                         group.fit_alone(rows, whole.start..row, self.before, self.options);
                     }
                 }

@@ -10,8 +10,8 @@ use super::pass::{Summable, Sums};
 const HELD: f64 = 0.5;
 
 impl GroupState {
-    /// Adopts the products of the rows; `theta` is θ̄, where the sums in `at` were taken. A single
-    /// step per block is (8) of the paper, which uses no products.
+    /// Adopts the products of the rows; `theta` is θ̄, where the sums were taken. A single step per
+    /// block is (8) of the paper, which uses no products.
     pub fn adopt_products(&mut self, rows: &dyn Summable, theta: &[f64], options: &EstimatorOptions) {
         if options.max_iterations == 1 {
             return self.prior.curvature.clear();

@@ -28,8 +28,8 @@ const PRESSED: f64 = 4.0;
 const NEAR: f64 = 0.1;
 
 impl GroupState {
-    /// True if the data push a free parameter beyond its bound. `at` holds the sums at
-    /// `linearised`, and Λ, θ̄ are those of the fit.
+    /// True if the data push a free parameter beyond its bound. The sums are those at
+    /// `linearised`, and Λ, θ̄ those of the fit.
     pub fn is_pressed(&mut self, theta: &[f64], linearised: &[f64]) -> bool {
         let n = self.n;
         let start = self.parameters.start;

@@ -60,8 +60,8 @@ impl GroupState {
         }
     }
 
-    /// Minimises the cost over the rows of `range`, starting from the present θ. `at` holds the
-    /// sums there before, and at the result afterwards.
+    /// Minimises the cost over the rows of `range`, starting from the present θ. The equations'
+    /// sums are those there before, and those at the result afterwards.
     pub fn fit(
         &mut self,
         rows: &dyn Summable,

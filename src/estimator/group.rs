@@ -195,9 +195,8 @@ impl GroupState {
         self.prior.forget(&mut self.information, &self.excitation);
     }
 
-    /// Γ_m⁻¹ and the covariance from the prior and the sums in `at`; learns the noise from the
-    /// residuals in `at`, or those in `trial` if the sums in `at` were taken before the step.
-    /// The block ends at `end_ns`.
+    /// Γ_m⁻¹ and the covariance from the prior and the sums; learns the noise from the residuals
+    /// at θ, or those at the candidate if θ has `stepped` there since. The block ends at `end_ns`.
     pub fn conclude(&mut self, theta: &[f64], stepped: bool, end_ns: u64, options: &EstimatorOptions) {
         let n = self.n;
         self.turn(theta);
@@ -297,7 +296,7 @@ impl GroupState {
         self.widened.add_unconfirmed(&self.confirmation.covariance);
     }
 
-    /// Directions that the sums in `at` inform on.
+    /// Directions that the block informs on.
     pub fn excite(&mut self, theta: &[f64]) {
         let n = self.n;
         self.sizes.learn(

@@ -49,7 +49,7 @@ impl IdentifierOptions {
     }
 
     /// With samples this far apart \[s\], and signals that count as frozen after a time \[s\], but
-    /// not before [`FEWEST_FROZEN`] samples; a time of 0 turns the detection off.
+    /// not before 20 samples; a time of 0 turns the detection off.
     #[must_use]
     pub fn with_times(self, sample_period_s: f64, frozen_after_s: f64) -> Self {
         let patience = (frozen_after_s / sample_period_s).round() as u64;

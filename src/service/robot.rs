@@ -265,7 +265,7 @@ mod tests {
 
     #[test]
     fn regress_the_sample_period_is_read_by_one_rule() {
-        for (written, said) in [("0.004", "0.004"), ("1", "got 1"), ("\"fast\"", "got \"fast\"")] {
+        for (written, said) in [("0.004", "0.004"), ("2", "got 2"), ("\"fast\"", "got \"fast\"")] {
             let file = beside_the_urdf("rule", &format!("[plant]\nsample_period_s = {written}\n"));
             let config = RobotConfig::from_file(&file).map(|config| config.sample_period_s.to_string());
             let text = config.unwrap_or_else(|error| error.to_string());

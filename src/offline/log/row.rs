@@ -81,6 +81,7 @@ impl RowReader {
             count(key, names, may_be_none)?;
             names.iter().map(|name| find(key, name)).collect::<Result<Vec<_>, _>>()
         };
+        let time = columns.time.as_ref().map(|name| find("log.time", name)).transpose()?;
         let q = per_joint("log.q", &columns.positions, false)?;
         count("log.input", &columns.inputs, false)?;
         let is_passive = |name: &str| name == PASSIVE && !names.contains(&name);
@@ -90,7 +91,7 @@ impl RowReader {
         });
         Ok(Self {
             fields: names.len(),
-            time: columns.time.as_ref().map(|name| find("log.time", name)).transpose()?,
+            time,
             q,
             input: input.collect::<Result<Vec<_>, _>>()?,
             setpoint: per_joint("log.setpoint", &columns.setpoints, true)?,

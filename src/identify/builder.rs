@@ -186,7 +186,7 @@ impl IdentifierBuilder {
 
     /// Time from a window to the next \[s\], one sample period to the window's length; a fifth of
     /// it by default, and at most 20 ms. If the window is chosen from the signals, this is an upper
-    /// limit.
+    /// limit; below 100 Hz it is that of a window of 20 samples, and grows with the window.
     #[must_use]
     pub fn stride_s(mut self, stride_s: f64) -> Self {
         self.stride_s = Some(stride_s);
@@ -196,7 +196,7 @@ impl IdentifierBuilder {
     /// Time on either side that the velocity filter uses \[s\], 3 to 100 sample periods; 8 by
     /// default, and at most a quarter of the window. More smooths away jumps of the jerk, less
     /// makes noise of the direction of a slow joint. If the window is chosen from the signals, this
-    /// is an upper limit.
+    /// is an upper limit, as of [`stride_s`](Self::stride_s).
     #[must_use]
     pub fn velocity_half_width_s(mut self, half_width_s: f64) -> Self {
         self.velocity_half_width_s = Some(half_width_s);

@@ -5,13 +5,11 @@ use std::f64::consts::TAU;
 use thetabus::config::{Catalog, Config};
 use thetabus::estimator::{BlockEstimator, IndexSet};
 use thetabus::identify::{Identifier, IdentifierBuilder, ParameterPrior};
-use thetabus::messages::{Sample, signals};
+use thetabus::messages::{Estimate, Sample, signals};
 use thetabus::model::{
     DerivedValues, DriveInput, Equation, ExtendedDerived, ExtendedManipulator, ExtraTerms, JointSample, Manipulator,
     ManipulatorDerived, Motion, Parameter, Plant, Scalar, ServoAxis,
 };
-use thetabus::node::identifier::IdentifierOptions;
-use thetabus::node::model::NodeSettings;
 use thetabus::node::simulated_plant::sample_stream;
 use thetabus::rows::{AutoWindowBlock, InputSource, RowForm, SampleBlock, structure};
 use thetabus::sim::{ArmParameters, SimOptions, rk4_step};
@@ -358,34 +356,43 @@ fn ident_windows_that_the_identifier_chooses_are_as_good_as_configured_ones() {
     }
 }
 
-#[test]
-fn prop_the_builder_makes_the_identifier_of_own_plant_toml() {
+/// Asserts that an identifier for the pendulum gives the estimates and the status of the service
+/// with `own_plant.toml` and these settings; returns the number of blocks.
+pub(crate) fn assert_same_as_service(
+    sets: &[String],
+    identifier: &mut Identifier,
+    samples: impl Iterator<Item = JointSample>,
+) -> usize {
     let basis = Config::embedded("own_plant").unwrap();
-    let config = Config::load_for(&Catalog::default().with(Pendulum), &[basis], &[]).unwrap();
-    let settings = NodeSettings {
-        rows: config.identifier.rows,
-        auto_window: config.identifier.auto_window,
-        input: config.identifier.input,
-        estimator: config.estimator.options.clone(),
-        options: IdentifierOptions {
-            sample_period_ns: 1_000_000,
-            frozen_after: 200,
-            ..IdentifierOptions::new(config.estimator.block_len as u64, 0, 0)
-        },
-        pid: std::process::id(),
-    };
-    let mut node = config.model.identifier(&settings).unwrap();
-    let mut identifier = Identifier::builder(Pendulum).build().unwrap();
+    let config = Config::load_for(&Catalog::default().with(Pendulum), &[basis], sets).unwrap();
+    let mut node = config.identifier().unwrap();
     let mut blocks = 0;
-    for (seq, (t_ns, joints)) in pendulum(16, 0.05, 3, 6 * 1900).enumerate() {
-        let sample = Sample::new(1, seq as u64, t_ns, 1, signals::Q | signals::INPUT, &joints);
+    for (seq, joints) in (0..).zip(samples) {
+        let signals = signals::Q | signals::INPUT;
+        let sample = Sample::new(1, seq, seq * 1_000_000, 1, signals, &joints);
         let mut expected = None;
-        node.on_sample(&sample, &mut |estimate| expected = Some(*estimate));
+        node.on_sample(&sample, &mut |estimate| {
+            // the builder has no configuration
+            let estimate = Estimate {
+                config_hash: 0,
+                ..*estimate
+            };
+            expected = Some(estimate);
+        });
         let got = identifier.push(&joints);
         // Debug tells NaN from NaN, unlike equality
         assert_eq!(format!("{got:?}"), format!("{expected:?}"));
         blocks += usize::from(got.is_some());
     }
+    assert_eq!(format!("{:?}", identifier.status()), format!("{:?}", node.status()));
+    blocks
+}
+
+#[test]
+fn prop_the_builder_makes_the_identifier_of_own_plant_toml() {
+    let mut identifier = Identifier::builder(Pendulum).build().unwrap();
+    let samples = pendulum(16, 0.05, 3, 6 * 1900).map(|(_, joints)| joints);
+    let blocks = assert_same_as_service(&[], &mut identifier, samples);
     assert_eq!((blocks, identifier.names().as_slice()[2].as_str()), (6, "weight"));
 
     let message = |builder: IdentifierBuilder| builder.build().unwrap_err().to_string();

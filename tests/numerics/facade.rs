@@ -1,15 +1,13 @@
 //! The library's façade, `Identifier::builder`: its settings, and what they do.
 
-use crate::configured::{Pendulum, pendulum};
+use crate::configured::{Pendulum, assert_same_as_service, pendulum};
 use crate::support::TestRng;
 use std::f64::consts::TAU;
 use thetabus::config::{Catalog, Config};
 use thetabus::estimator::Residuals;
 use thetabus::identify::{Identifier, IdentifierBuilder, InputTiming};
-use thetabus::messages::{Estimate, Sample, signals};
+use thetabus::messages::Estimate;
 use thetabus::model::{Equation, JointSample, Parameter, Plant, Scalar};
-use thetabus::node::identifier::IdentifierOptions;
-use thetabus::node::model::NodeSettings;
 use thetabus::rows::{ProjectedBlock, ProjectedOptions, SampleBlock, SuspectKind};
 use thetabus::sim::rk4_step;
 
@@ -85,23 +83,7 @@ fn prop_the_builder_has_the_choices_of_a_configuration() {
         "identifier.input_limit=[11.0]".to_owned(),
         "identifier.frozen_after_s=0.3".to_owned(),
     ];
-    let basis = Config::embedded("own_plant").unwrap();
     let sets: Vec<String> = sets.into_iter().chain(limits).collect();
-    let config = Config::load_for(&Catalog::default().with(Pendulum), &[basis], &sets).unwrap();
-    let settings = NodeSettings {
-        rows: config.identifier.rows,
-        auto_window: config.identifier.auto_window,
-        input: config.identifier.input,
-        estimator: config.estimator.options.clone(),
-        options: IdentifierOptions {
-            sample_period_ns: 1_000_000,
-            input_limit: config.identifier.input_limit,
-            frozen_after: 300,
-            ..IdentifierOptions::new(config.estimator.block_len as u64, 0, 0)
-        },
-        pid: std::process::id(),
-    };
-    let mut node = config.model.identifier(&settings).unwrap();
     let mut identifier = Identifier::builder(Pendulum)
         .window_s(0.06)
         .stride_s(0.015)
@@ -112,21 +94,15 @@ fn prop_the_builder_has_the_choices_of_a_configuration() {
         .frozen_after_s(0.3)
         .build()
         .unwrap();
-    let mut blocks = 0;
-    for (seq, (t_ns, mut joints)) in pendulum(16, 0.05, 3, 5 * 1900).enumerate() {
+    let samples = pendulum(16, 0.05, 3, 5 * 1900).map(|(t_ns, mut joints)| {
         // a sensor that hangs
-        if seq > 7000 {
+        if t_ns > 7_000_000_000 {
             joints.q[0] = 0.25;
         }
-        let sample = Sample::new(1, seq as u64, t_ns, 1, signals::Q | signals::INPUT, &joints);
-        let mut expected = None;
-        node.on_sample(&sample, &mut |estimate| expected = Some(*estimate));
-        let got = identifier.push(&joints);
-        assert_eq!(format!("{got:?}"), format!("{expected:?}"));
-        blocks += usize::from(got.is_some());
-    }
+        joints
+    });
+    let blocks = assert_same_as_service(&sets, &mut identifier, samples);
     let status = identifier.status();
-    assert_eq!(format!("{status:?}"), format!("{:?}", node.status()));
     assert_eq!(blocks, 5);
     assert!(status.faults.saturated > 0, "{status:?}");
     assert!(status.faults.frozen > 0, "{status:?}");

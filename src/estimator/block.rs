@@ -393,7 +393,7 @@ impl BlockEstimator {
                 // only this block informs on a moving parameter
                 group.confirmation.restart(&self.theta[own]);
                 if fits {
-                    group.confirmation.take(&group.equations, None, 1.0);
+                    group.confirmation.take_line(&group.equations);
                 }
                 group.clusters.end(true, group.equations.noise_is_configured(), |_| 0.0);
                 continue;
@@ -407,7 +407,7 @@ impl BlockEstimator {
             if fits {
                 let at = if single { &self.before[own] } else { &self.theta[own] };
                 let (equations, lambda) = (&group.equations, self.options.forgetting_factor);
-                group.confirmation.take(equations, Some(at), lambda);
+                group.confirmation.take(equations, at, lambda);
             }
             if stepped {
                 group.equations.accept_trial();

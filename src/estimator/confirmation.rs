@@ -18,6 +18,15 @@
 //! * C_ii + e_i² ≤ 3 P_ii: the rows since the change determine it nearly as well as P claims, or
 //! * 3 √(C_ii + e_i²) < 0.5 % of it: a change too small for these rows to show is negligible.
 //!
+//! P is that of the recursion here. The covariance to be published may be wider for a time, with
+//! considered errors or an open inquiry. As long as 3 of its P_ii exceed C_ii + e_i², it covers the
+//! parameter, which then needs no M. It may become narrow again without a further row, however, so
+//! it confirms nothing for good.
+//!
+//! If a line was fitted to the block, its end is the estimate. The variance of the end of a line
+//! through evenly spread rows is four times that of their mean, so the rows count a quarter, and e
+//! is unknown.
+//!
 //! Both apply to a parameter, not a direction: a combination that the rows leave open leaves all
 //! its members open, because C is inverted as a whole. e accounts for rows that contradict θ̂
 //! slightly, but in no block enough to raise an alarm.
@@ -39,6 +48,9 @@ const RATIO: f64 = 3.0;
 /// Three standard deviations from the rows since the change, relative to the parameter, below which
 /// they confirm it whatever the recursion claims.
 const NOTABLE: f64 = 0.005;
+/// Share of the rows' information on their mean that remains for the end of a line through them:
+/// 1/(1 + 12/4), the slope over the length having 12 times the variance of the mean.
+const LINE_END: f64 = 0.25;
 /// Eigenvalues of the scaled information below this share of the largest are rounding.
 const ROUNDING: f64 = 1e-13;
 
@@ -50,6 +62,8 @@ pub struct Confirmation {
     vector: Vec<f64>,
     reference: Vec<f64>,
     confirmed: Vec<bool>,
+    /// Parameters that need no M at present: confirmed, or P is as wide.
+    covered: Vec<bool>,
     /// The rows since the start, or since a parameter was fixed or set free, informed on more than
     /// half of the directions.
     informed: bool,
@@ -72,6 +86,7 @@ impl Confirmation {
             vector: vector.clone(),
             reference: vector.clone(),
             confirmed: vec![false; n],
+            covered: vec![false; n],
             informed: false,
             covariance: matrix.clone(),
             eigen: Eigen::new(n),
@@ -118,27 +133,39 @@ impl Confirmation {
         self.informed && self.confirmed.iter().all(|&confirmed| confirmed)
     }
 
-    /// Adds the sums of a block, taken at `theta` of the group; without `theta` (a line was
-    /// fitted), only the information.
-    pub fn take(&mut self, equations: &Equations, theta: Option<&[f64]>, forgetting_factor: f64) {
+    /// Adds the sums of a block, taken at `theta` of the group.
+    pub fn take(&mut self, equations: &Equations, theta: &[f64], forgetting_factor: f64) {
         if self.is_settled() {
             return;
         }
-        let n = self.n;
         self.information.iter_mut().for_each(|v| *v *= forgetting_factor);
         self.vector.iter_mut().for_each(|v| *v *= forgetting_factor);
+        self.add_information(equations, 1.0);
         for (e, sums) in equations.pairs() {
-            let weight = 1.0 / e.variance.max(TINY);
-            let p = sums.params;
+            let (p, weight) = (sums.params, 1.0 / e.variance.max(TINY));
+            let moved = |j: usize| theta[e.offset + j] - self.reference[e.offset + j];
             for i in 0..p {
-                let row = e.offset + i;
-                for j in 0..p {
-                    self.information[row * n + e.offset + j] += weight * sums.gram[i * p + j];
-                }
-                let Some(theta) = theta else { continue };
-                let moved = |j: usize| theta[e.offset + j] - self.reference[e.offset + j];
                 let along: f64 = (0..p).map(|j| sums.gram[i * p + j] * moved(j)).sum();
-                self.vector[row] += weight * (sums.score[i] + along);
+                self.vector[e.offset + i] += weight * (sums.score[i] + along);
+            }
+        }
+    }
+
+    /// The same for a block that a line was fitted to. Only this block informs on a parameter that
+    /// moves, so nothing else counts any more.
+    pub fn take_line(&mut self, equations: &Equations) {
+        self.add_information(equations, LINE_END);
+    }
+
+    fn add_information(&mut self, equations: &Equations, share: f64) {
+        let n = self.n;
+        for (e, sums) in equations.pairs() {
+            let (p, weight) = (sums.params, share / e.variance.max(TINY));
+            for i in 0..p {
+                let row = (e.offset + i) * n + e.offset;
+                for (total, gram) in self.information[row..row + p].iter_mut().zip(&sums.gram[i * p..]) {
+                    *total += weight * gram;
+                }
             }
         }
     }
@@ -162,10 +189,11 @@ impl Confirmation {
         self.reference.copy_from_slice(theta);
     }
 
-    /// V for θ̂ and P of the group, whose parameters have the sizes `size`, 0 for a fixed one.
-    pub fn publish(&mut self, theta: &[f64], size: &[f64], covariance: &[f64]) {
+    /// V for θ̂ of the group, whose parameters have the sizes `size`, 0 for a fixed one: from the P of
+    /// the recursion, and that P as `widened` by what the recursion does not see.
+    pub fn publish(&mut self, theta: &[f64], size: &[f64], recursion: &[f64], widened: &[f64]) {
         let n = self.n;
-        self.covariance.copy_from_slice(covariance);
+        self.covariance.copy_from_slice(widened);
         if self.is_settled() {
             return;
         }
@@ -201,11 +229,12 @@ impl Confirmation {
         for i in 0..n {
             let variance = self.open[i * n + i] + self.discrepancy[i] * self.discrepancy[i];
             self.confirmed[i] |= size[i] == 0.0
-                || variance <= RATIO * covariance[i * n + i]
+                || variance <= RATIO * recursion[i * n + i]
                 || 3.0 * variance.sqrt() < NOTABLE * theta[i].abs();
+            self.covered[i] = self.confirmed[i] || variance <= RATIO * widened[i * n + i];
         }
-        for i in (0..n).filter(|&i| !self.confirmed[i]) {
-            for j in (0..n).filter(|&j| !self.confirmed[j]) {
+        for i in (0..n).filter(|&i| !self.covered[i]) {
+            for j in (0..n).filter(|&j| !self.covered[j]) {
                 self.covariance[i * n + j] += self.open[i * n + j] + self.discrepancy[i] * self.discrepancy[j];
             }
         }

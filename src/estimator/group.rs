@@ -292,7 +292,8 @@ impl GroupState {
             .take(self.errors.total(), &self.clusters, &mut self.considered);
         self.size_free(theta);
         let own = &theta[self.parameters.clone()];
-        self.confirmation.publish(own, &self.room.scale, self.widened.total());
+        let (recursion, widened) = (self.errors.total(), self.widened.total());
+        self.confirmation.publish(own, &self.room.scale, recursion, widened);
         self.widened.add_unconfirmed(&self.confirmation.covariance);
     }
 

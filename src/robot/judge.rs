@@ -8,6 +8,7 @@
 //! knows the robot, decides. Hardly any robot exceeds the limits below.
 
 use super::clipped::Largest;
+use super::echo::Echo;
 use super::fit::correlation_time_s;
 use super::friction::FrictionTerm;
 use super::identify::RobotIdentifier;
@@ -54,6 +55,7 @@ pub fn judge_robot_log(model: &RobotModel, log: &[RobotSample], max_gap_s: f64) 
     if step_s > LONGEST_STEP_S {
         found.push(RobotSuspicion::Time { step_s });
     }
+    let mut moving = Vec::new();
     for (joint, own) in model.robot().joints.iter().enumerate() {
         let turns = own.turns;
         found.extend(judge_positions(own, joint, log));
@@ -79,6 +81,9 @@ pub fn judge_robot_log(model: &RobotModel, log: &[RobotSample], max_gap_s: f64) 
             let signal = "torque";
             found.push(RobotSuspicion::Constant { joint, signal, value });
         }
+        if rate.count >= PIECES {
+            moving.push(joint);
+        }
         found.extend(clipped(joint, model.friction()[joint].rest_speed, log));
         let square: f64 = log.iter().map(|sample| sample.dq[joint].powi(2)).sum();
         let rms = (square / log.len() as f64).sqrt();
@@ -93,6 +98,7 @@ pub fn judge_robot_log(model: &RobotModel, log: &[RobotSample], max_gap_s: f64) 
             });
         }
     }
+    found.extend(Echo::of(log, &moving, max_gap_s).map(RobotSuspicion::Echo));
     found
 }
 

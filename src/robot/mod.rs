@@ -34,7 +34,7 @@
 //! | `acceleration_noise`, `encoder_noise`, `velocity_noise` | effect of errors of the velocities, formed from positions or measured |
 //! | `identify`, `learning`, `known`, `figures` | blocks → estimates with standard deviations and goodness of fit |
 //! | `friction_drift`, `offset_drift` | friction and offsets that drift |
-//! | `clipped`, `torque_counts` | clipped torques; torques rounded to counts |
+//! | `clipped`, `torque_counts`, `echo` | clipped torques; torques rounded to counts; signals that are no torques |
 //! | `explained` | share of each joint's torque that the model explains |
 //! | `left_out` | terms missing in the model, from the residuals |
 //! | `block_scatter` | what no term describes, from the scatter of the blocks |
@@ -67,6 +67,7 @@ mod doubt;
 mod drive_gain;
 mod drive_gain_room;
 mod dynamics;
+mod echo;
 mod encoder_noise;
 mod error;
 mod estimate;

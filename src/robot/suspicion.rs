@@ -2,6 +2,7 @@
 
 use super::doubt::RobotDoubt;
 use super::drive_gain_room::WrongGain;
+use super::echo::Echo;
 use super::left_out_room::LeftOutCause;
 use super::unmodelled::Unmodelled;
 use super::urdf_prior::UrdfContradiction;
@@ -67,6 +68,8 @@ pub enum RobotSuspicion {
         /// Its value.
         value: f64,
     },
+    /// Torques that are another signal of their joints.
+    Echo(Echo),
     /// A clipped torque.
     Clipped {
         /// The joint.
@@ -148,6 +151,11 @@ impl fmt::Display for RobotSuspicion {
                 f,
                 "{signal} of joint {} is {value} in every sample though the joint moves: is it the column that was meant?",
                 joint + 1
+            ),
+            Self::Echo(signal) => write!(
+                f,
+                "the torque of every joint that moves is its {signal} times a factor: the log seems to hold no measured torques, \
+                 and then what follows describes no robot; check log.input_columns"
             ),
             Self::Clipped { joint, value, percent } => write!(
                 f,

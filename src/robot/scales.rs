@@ -1,17 +1,28 @@
-//! Size of a robot's parameters, by its URDF.
+//! Size of a robot's parameters and drives, by its URDF.
 
 use super::base_parameters::Standard;
 use super::friction::FrictionTerm;
 use super::spatial::BodyParameters;
 use super::tree::Robot;
 
+const G: f64 = 9.81;
+
 /// Scales of a robot's parameters: mass and reach of the bodies that each joint carries, and the
-/// effort of its drive.
+/// effort of its drive, 0 if the URDF states none.
 pub(super) struct Scales {
     mass: Vec<f64>,
     reach: Vec<f64>,
     turns: Vec<bool>,
     effort: Vec<f64>,
+}
+
+impl Robot {
+    /// Largest torque or force of each joint's drive \[N m or N\]: that of the URDF, or without one
+    /// by the weight that the joint carries.
+    pub fn drive_sizes(&self) -> Vec<f64> {
+        let scales = Scales::of(self);
+        (0..self.len()).map(|joint| scales.drive(joint)).collect()
+    }
 }
 
 impl Scales {
@@ -57,12 +68,33 @@ impl Scales {
 
     /// The same of a term of a joint's friction.
     pub fn friction(&self, joint: usize, term: FrictionTerm) -> f64 {
-        const G: f64 = 9.81;
-        let force = self.mass[joint] * G;
         match term {
             FrictionTerm::Load => 1.0,
-            _ if self.turns[joint] => (force * self.reach[joint]).max(self.effort[joint]),
-            _ => force.max(self.effort[joint]),
+            _ if self.effort[joint] > 0.0 => self.weight(joint).max(self.effort[joint]),
+            _ => self.drive(joint),
+        }
+    }
+
+    /// Largest torque or force of a joint's drive: the URDF's, or the weight that the joint bears.
+    /// The drive of a small joint is stronger than that, so it has at least a tenth of what the
+    /// first joint bears.
+    pub fn drive(&self, joint: usize) -> f64 {
+        let whole = match self.turns[joint] {
+            true => self.mass[0] * G * self.reach[0],
+            false => self.mass[0] * G,
+        };
+        match self.effort[joint] {
+            stated if stated > 0.0 => stated,
+            _ => self.weight(joint).max(0.1 * whole),
+        }
+    }
+
+    /// Torque or force that bears the weight that a joint carries.
+    fn weight(&self, joint: usize) -> f64 {
+        let force = self.mass[joint] * G;
+        match self.turns[joint] {
+            true => force * self.reach[joint],
+            false => force,
         }
     }
 }

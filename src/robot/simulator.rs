@@ -25,9 +25,6 @@ use super::tree::Robot;
 use crate::model::{JointSample, MAX_JOINTS, SAMPLE_PERIODS_S};
 use crate::random::Random;
 
-/// Torque of a joint without a limit \[N m or N\], for values derived from it.
-const UNLIMITED_EFFORT: f64 = 100.0;
-
 /// Controllers of the simulated robot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum RobotController {
@@ -65,8 +62,7 @@ impl SimulatedDrive {
     /// Typical drives for the joints' sizes: Coulomb friction of 4 % and viscous friction of up to
     /// 4 % of the largest torque.
     pub fn sized(robot: &Robot) -> Vec<Self> {
-        let sized = |joint: &super::tree::RobotJoint| {
-            let effort = joint.limits.effort.filter(|x| *x > 0.0).unwrap_or(UNLIMITED_EFFORT);
+        let sized = |(joint, effort): (&super::tree::RobotJoint, f64)| {
             let speed = joint.limits.velocity.filter(|x| *x > 0.0).unwrap_or(2.0);
             Self {
                 viscous: 0.04 * effort / speed,
@@ -79,7 +75,7 @@ impl SimulatedDrive {
                 rotor_inertia: 0.002 * effort,
             }
         };
-        robot.joints.iter().map(sized).collect()
+        robot.joints.iter().zip(robot.drive_sizes()).map(sized).collect()
     }
 }
 
@@ -242,6 +238,8 @@ pub struct RobotSimulator {
     rotors: Vec<f64>,
     gains: [f64; MAX_JOINTS],
     effort: [f64; MAX_JOINTS],
+    /// Sizes of the drives, also of those without a limit.
+    sizes: Vec<f64>,
     noise: Random,
     q: [f64; MAX_JOINTS],
     dq: [f64; MAX_JOINTS],
@@ -280,6 +278,7 @@ impl RobotSimulator {
             },
             gains: [0.0; MAX_JOINTS],
             effort: [f64::INFINITY; MAX_JOINTS],
+            sizes: robot.drive_sizes(),
             noise: Random(options.seed ^ 0x006e_6f69_7365),
             q: reference.start(),
             dq: [0.0; MAX_JOINTS],
@@ -485,9 +484,7 @@ impl Iterator for RobotSimulator {
                 _ => (self.q[i] / step).round() * step,
             };
             sample.setpoint[i] = setpoints[i][0];
-            let size = self.effort[i].min(1e9);
-            let size = if size < 1e9 { size } else { UNLIMITED_EFFORT };
-            let noise = self.options.torque_noise * size;
+            let noise = self.options.torque_noise * self.sizes[i];
             sample.input[i] = 0.5 * (before[i] + self.tau[i]);
             if noise > 0.0 {
                 sample.input[i] += noise * self.noise.normal();

@@ -3,8 +3,8 @@
 use super::{SEVEN_AXIS, SIX_AXIS, SUBSTEPS, robot, ur10e, ur10e_recording};
 use std::f64::consts::{PI, TAU};
 use thetabus::robot::{
-    IdentifyOptions, JointFriction, Motions, RobotIdentifier, RobotModel, RobotSample, RobotSimOptions, RobotSimulator,
-    filtered, judge_robot_fit, judge_robot_log,
+    IdentifyOptions, JointFriction, Motions, Robot, RobotIdentifier, RobotModel, RobotSample, RobotSimOptions,
+    RobotSimulator, filtered, judge_robot_fit, judge_robot_log,
 };
 
 pub(super) fn model(urdf: &str) -> RobotModel {
@@ -177,4 +177,55 @@ fn val_nothing_is_said_of_a_real_robots_recordings() {
         let named = |line: &String| words.iter().any(|words| line.contains(words));
         assert!(turned.iter().any(named), "{name}: {turned:#?}");
     }
+}
+
+/// A log of positions and velocities alone, or a planned motion, has as many columns as one of
+/// torques.
+#[test]
+fn fault_torques_that_are_another_signal_are_told() {
+    let model = model(SIX_AXIS);
+    let log = simulated(&model, 20, |options| options.encoder_bits = 0);
+    let said = |change: &dyn Fn(usize, usize) -> f64| {
+        let mut log = log.clone();
+        for k in 1..log.len() - 1 {
+            (0..6).for_each(|j| log[k].tau[j] = change(k, j));
+        }
+        let found = judge_robot_log(&model, &log[1..log.len() - 1], 0.05);
+        found.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n")
+    };
+    // The factor is a gain of the drive, the last per cent a derivative by other means.
+    let gain = |j: usize| 1.0 + 10.0 * j as f64;
+    let cases: [(&str, &dyn Fn(usize, usize) -> f64); 3] = [
+        ("position", &|k, j| gain(j) * log[k].q[j]),
+        ("velocity", &|k, j| gain(j) * (log[k].dq[j] + 0.01 * (k as f64).sin())),
+        ("acceleration", &|k, j| {
+            gain(j) * (log[k + 1].dq[j] - log[k - 1].dq[j]) / 0.02
+        }),
+    ];
+    for (signal, change) in cases {
+        let words = format!("the torque of every joint that moves is its {signal} times a factor");
+        let found = said(change);
+        assert!(found.contains(&words), "{signal}: {found}");
+        // A machine with one such joint may exist.
+        let one = said(&|k, j| if j == 2 { change(k, j) } else { log[k].tau[j] });
+        assert_eq!(one, "", "{signal}");
+    }
+}
+
+/// Many URDFs state no efforts, or zeros: friction is then expected by the weight that the drives
+/// bear, and the simulated drives are as strong.
+#[test]
+fn ident_a_robot_without_efforts_is_explained() {
+    let without = |mut robot: Robot| {
+        robot.joints.iter_mut().for_each(|joint| joint.limits.effort = None);
+        RobotModel::new(robot, true, vec![JointFriction::default(); 6]).expect("sound")
+    };
+    let model = without(robot(SIX_AXIS));
+    assert_eq!(said(&model, &simulated(&model, 40, |_| {})), [""; 0]);
+    // The friction of this wrist, 3 N m, is ten times the torque by its weight.
+    let Some(robot) = ur10e() else { return };
+    let Some(log) = ur10e_recording("train_30s_12harm.csv", &[1.0; 6]) else {
+        return;
+    };
+    assert_eq!(said(&without(robot), &log), [""; 0]);
 }

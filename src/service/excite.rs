@@ -224,7 +224,7 @@ fn table_of(config: &RobotConfig, expected: &Expected, forecast: &[ParameterFore
         "{:<12} {:>12} {:>12} {:>10}  {:<10} {}\n",
         "parameter", "URDF", "std", "of size", "unit", "meaning"
     );
-    let mut untold = Vec::new();
+    let (mut untold, mut rough) = (Vec::new(), Vec::new());
     for (p, forecast) in config.model.parameters().iter().zip(forecast) {
         let part = match forecast.is_told {
             true => format!("{:.1} %", 100.0 * forecast.std / forecast.size),
@@ -232,6 +232,8 @@ fn table_of(config: &RobotConfig, expected: &Expected, forecast: &[ParameterFore
         };
         if !forecast.is_told {
             untold.push(p.name.as_str());
+        } else if forecast.std >= forecast.size {
+            rough.push(p.name.as_str());
         }
         let _ = writeln!(
             text,
@@ -240,16 +242,18 @@ fn table_of(config: &RobotConfig, expected: &Expected, forecast: &[ParameterFore
         );
     }
     let _ = writeln!(text, "\nexpected: {}", expected.source);
-    let _ = match untold.is_empty() {
-        true => writeln!(text, "the motion determines all {} parameters", forecast.len()),
-        false => writeln!(
-            text,
-            "the motion determines {} of {} parameters; not {}",
-            forecast.len() - untold.len(),
-            forecast.len(),
-            untold.join(", ")
-        ),
+    let count = forecast.len() - untold.len() - rough.len();
+    let _ = match count == forecast.len() {
+        true => write!(text, "the motion determines all {count} parameters"),
+        false => write!(text, "the motion determines {count} of {} parameters", forecast.len()),
     };
+    if !untold.is_empty() {
+        let _ = write!(text, "; not {}", untold.join(", "));
+    }
+    if !rough.is_empty() {
+        let _ = write!(text, "; no better than to their own size {}", rough.join(", "));
+    }
+    text.push('\n');
     text
 }
 

@@ -61,6 +61,7 @@ impl RobotLog {
             samples = config.with_velocities(&samples);
         }
         match (samples.len(), has_velocity) {
+            (0, _) if skipped.rows == 0 => Err(usage(&"expected rows of numbers, got none: is this a log?")),
             (0..3, true) => Err(usage(&format!("expected at least 3 samples, got {}", samples.len()))),
             (0..3, false) => Err(usage(&format!(
                 "expected at least 3 samples with neighbours within {} s to either side, whose positions give their velocities, got {}",

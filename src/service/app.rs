@@ -225,7 +225,9 @@ impl Command {
                     } => {
                         let exit = super::config_check(file, set, &common)?;
                         let motion = motion.as_deref();
-                        motion.map_or(Ok(()), |motion| super::check_motion(file, motion, residuals.as_deref()))?;
+                        motion.map_or(Ok(()), |motion| {
+                            super::check_motion(file, set, motion, residuals.as_deref())
+                        })?;
                         Ok(exit)
                     }
                     ConfigCommand::Show { name } => super::config_show(name.as_deref()),

@@ -1,8 +1,8 @@
 //! `thetabus calibrate EMPTY.csv LOADED.csv`: gains of the drives from a load whose mass is known.
 
+use super::robot_file::robot_with;
 use super::robot_log::RobotLog;
 use super::{CalibrateArgs, Exit, Failure, TableFormat, logging, robot_profile};
-use crate::config::RobotConfig;
 use crate::robot::{BodyParameters, GainCalibration, KnownLoad, declared_load};
 use serde_json::json;
 use std::fmt::Write as _;
@@ -19,7 +19,7 @@ pub fn run(args: &CalibrateArgs) -> Result<Exit, Failure> {
             args.mass
         )));
     }
-    let mut config = RobotConfig::from_file(&args.config)?;
+    let mut config = robot_with(&args.config, &args.set)?;
     if config.drives.coupling.is_some() {
         return Err(Failure::Usage(format!(
             "{}: drive.coupling: expected a drive for each joint, got coupled ones, whose gains one load does not tell apart",

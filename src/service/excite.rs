@@ -3,6 +3,7 @@
 
 use super::new_file::{refuse_existing, write_new};
 use super::robot::robot_text;
+use super::robot_file::robot_with;
 use super::{ExciteArgs, Exit, Failure, TableFormat, logging};
 use crate::config::RobotConfig;
 use crate::pipe::{MAX_TABLE_BYTES, read_text};
@@ -17,7 +18,7 @@ use std::path::Path;
 /// # Errors
 /// If the configuration or options are wrong, or the file exists or cannot be written.
 pub fn run(args: &ExciteArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
-    let config = RobotConfig::from_file(&args.config)?;
+    let config = robot_with(&args.config, &args.set)?;
     let options = ExcitationOptions {
         duration_s: args.duration.unwrap_or(config.excitation.duration_s),
         harmonics: args.harmonics.unwrap_or(config.excitation.harmonics),
@@ -80,14 +81,19 @@ pub fn run(args: &ExciteArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
 ///
 /// # Errors
 /// If the configuration or the motion is wrong.
-pub(super) fn check_motion(config: &Path, motion: &Path, residuals: Option<&Path>) -> Result<(), Failure> {
-    let Some(text) = robot_text(config) else {
+pub(super) fn check_motion(
+    config: &Path,
+    set: &[String],
+    motion: &Path,
+    residuals: Option<&Path>,
+) -> Result<(), Failure> {
+    if robot_text(config).is_none() {
         return Err(Failure::Usage(format!(
             "--motion: expected a configuration with [model] kind = \"robot\", got {}",
             config.display()
         )));
-    };
-    let config = RobotConfig::parse(&text, config)?;
+    }
+    let config = robot_with(config, set)?;
     let problem = |e: &dyn std::fmt::Display| Failure::Usage(format!("{}: {e}", motion.display()));
     let text = read_text(motion, MAX_TABLE_BYTES).map_err(|e| problem(&e))?;
     let table = read_motion(&text, &config.columns).map_err(|e| problem(&e))?;
@@ -114,14 +120,8 @@ impl Expected {
     fn simulated(config: &RobotConfig) -> Self {
         let part = config.simulation.torque_noise.max(1e-6);
         let period_s = config.sample_period_s;
-        let size = |joint: &crate::robot::RobotJoint| joint.limits.effort.filter(|x| *x > 0.0).unwrap_or(100.0);
-        let noise: Vec<f64> = config
-            .model
-            .robot()
-            .joints
-            .iter()
-            .map(|joint| part * size(joint))
-            .collect();
+        let sizes = config.model.robot().drive_sizes();
+        let noise: Vec<f64> = sizes.iter().map(|size| part * size).collect();
         Self {
             misfit: RowMisfit::white(&noise, period_s, &config.options.windows),
             source: format!(

@@ -50,6 +50,7 @@ mod replay;
 mod report;
 mod robot;
 mod robot_args;
+mod robot_file;
 mod robot_log;
 mod robot_profile;
 mod robot_urdf;

@@ -10,6 +10,9 @@ pub struct ExciteArgs {
     /// Configuration of the robot, with model.kind = "robot"
     #[arg(value_name = "ROBOT.toml")]
     pub config: PathBuf,
+    /// Override a key of the configuration; repeatable
+    #[arg(long, value_name = "SECTION.KEY=VALUE")]
+    pub set: Vec<String>,
     /// Length of one period, which begins and ends at rest (key excite.duration_s)
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     pub duration: Option<f64>,
@@ -70,6 +73,9 @@ pub struct CalibrateArgs {
     /// Configuration of the robot with the gains so far
     #[arg(long, value_name = "ROBOT.toml")]
     pub config: PathBuf,
+    /// Override a key of the configuration; repeatable
+    #[arg(long, value_name = "SECTION.KEY=VALUE")]
+    pub set: Vec<String>,
     /// Mass of the load in kg
     #[arg(long, value_name = "KG", allow_negative_numbers = true)]
     pub mass: f64,

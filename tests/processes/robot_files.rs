@@ -193,3 +193,85 @@ fn regress_an_export_and_a_log_without_velocities_are_identified() {
         short.stderr()
     );
 }
+
+/// Tools that take a robot's file take `--set`, too.
+#[test]
+fn e2e_keys_are_overridden_in_the_tools_for_motions() {
+    let site = Site::new();
+    let motion = site.dir.path().join("motion.csv").to_str().expect("UTF-8").to_owned();
+    let run = |args: &[&str], code: i32| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_thetabus"));
+        command.args(args);
+        let mut tool = Process::start(command);
+        tool.expect_code(code);
+        (tool.stdout(), tool.stderr())
+    };
+    let set = [
+        "--set",
+        "excite.tries=10",
+        "--set",
+        "excite.duration_s=8.0",
+        "--set",
+        "plant.sample_period_s=0.004",
+    ];
+    let excite = ["excite", CONFIG, "--out", &motion];
+    let (said, _) = run(&[&excite[..], &set[..]].concat(), 0);
+    assert!(said.contains("every 0.004 s"), "{said}");
+    let text = fs::read_to_string(&motion).expect("a motion");
+    assert_eq!(text.lines().count(), 802);
+
+    let check = ["config", "check", CONFIG, "--motion", &motion];
+    let (as_it_is, _) = run(&check, 0);
+    assert!(as_it_is.contains("every 0.001 s"), "{as_it_is}");
+    // Nothing counts as determined whose standard deviation exceeds its size.
+    let (_, roughly) = as_it_is.split_once("no better than to their own size ").expect("some");
+    let roughly: Vec<&str> = roughly.lines().next().expect("names").split(", ").collect();
+    let percent = |line: &str| -> Option<f64> { line.split_whitespace().nth(3)?.parse().ok() };
+    let exceed = as_it_is
+        .lines()
+        .filter(|line| percent(line).is_some_and(|percent| percent >= 100.0));
+    let exceed: Vec<&str> = exceed.filter_map(|line| line.split_whitespace().next()).collect();
+    assert_eq!(exceed, roughly);
+    let noise = [
+        "--set",
+        "simulate.torque_noise=0.02",
+        "--set",
+        "plant.sample_period_s=0.004",
+    ];
+    let (noisy, _) = run(&[&check[..], &noise[..]].concat(), 0);
+    assert!(
+        noisy.contains("torque noise of 2 %") && noisy.contains("every 0.004 s"),
+        "{noisy}"
+    );
+
+    let wrong = ["--set", "excite.trise=10"];
+    let (_, error) = run(&[&["excite", CONFIG], &wrong[..]].concat(), 2);
+    assert!(error.contains("did you mean excite.tries?"), "{error}");
+    let calibrate = ["calibrate", &motion, &motion, "--config", CONFIG, "--mass", "1"];
+    let (_, error) = run(&[&calibrate[..], &["--set", "drive.gain=[1.0]"]].concat(), 2);
+    assert!(error.contains("--set drive.gain=[1.0]"), "{error}");
+}
+
+/// What is not a log is told apart from a log that is too short.
+#[test]
+fn fault_a_file_without_numbers_is_no_log() {
+    let site = Site::new();
+    let path = site.dir.path().join("notes.csv");
+    let path = path.to_str().expect("UTF-8");
+    for (text, words) in [
+        ("", "expected rows of numbers, got none"),
+        (
+            "time,joint_1\nto be measured,tomorrow\n",
+            "expected rows of numbers, got none",
+        ),
+        (
+            &("0.0".to_owned() + &",1".repeat(18)),
+            "expected at least 3 samples, got 1",
+        ),
+    ] {
+        fs::write(path, text).expect("written");
+        let mut identify = site.start(Program::Thetabus, &["identify", path, "--config", CONFIG]);
+        identify.expect_code(2);
+        assert!(identify.stderr().contains(words), "{}", identify.stderr());
+    }
+}

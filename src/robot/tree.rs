@@ -19,6 +19,9 @@ const ROUNDED: f64 = 0.02;
 /// metres \[m\].
 const LONGEST_M: f64 = 20.0;
 
+/// Limits of a turning joint that are hardly in radians \[rad\]; larger ones stand for none.
+const DEGREES: std::ops::Range<f64> = 30.0..800.0;
+
 /// A moving joint, with the body after it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RobotJoint {
@@ -186,9 +189,27 @@ impl Robot {
         })
     }
 
-    /// A warning about lengths that no arm has: a joint or a centre of mass too far from the joint
-    /// before it.
-    pub fn suspicious_length(&self) -> Option<String> {
+    /// A warning about lengths or limits that no arm has: a joint or a centre of mass too far from
+    /// the joint before it, or a joint that turns too far.
+    pub fn suspicious_unit(&self) -> Option<String> {
+        self.suspicious_length().or_else(|| self.suspicious_limit())
+    }
+
+    fn suspicious_limit(&self) -> Option<String> {
+        let limits = self.joints.iter().filter(|joint| joint.turns).flat_map(|joint| {
+            let [lower, upper] = [joint.limits.lower, joint.limits.upper];
+            [lower, upper].into_iter().flatten().map(|limit| (limit, &joint.name))
+        });
+        let (limit, name) = limits
+            .filter(|(limit, _)| DEGREES.contains(&limit.abs()))
+            .max_by(|a, b| a.0.abs().total_cmp(&b.0.abs()))?;
+        Some(format!(
+            "joint \"{name}\": its <limit> is {limit:.1} rad; a URDF is in radians: if this one is in degrees, divide lower, upper \
+             and velocity by 57.2958"
+        ))
+    }
+
+    fn suspicious_length(&self) -> Option<String> {
         let joints = self.joints.iter().map(|joint| {
             let length_m = joint.placement.translation.norm();
             (length_m, format!("joint \"{}\": its <origin>", joint.name))

@@ -6,7 +6,7 @@
 
 use super::error::UrdfError;
 use super::spatial::{BodyParameters, Placement};
-use super::xml::{self, Element, Lines};
+use super::xml::{self, EXPAND, Element, Lines};
 use nalgebra::{Matrix3, Vector3};
 use std::collections::HashMap;
 
@@ -142,7 +142,7 @@ impl Urdf {
         for element in root.children() {
             if element.has_namespace() {
                 return Err(element.error(
-                    "plain URDF; expand macros with `xacro robot.urdf.xacro > robot.urdf`",
+                    format!("plain URDF; {EXPAND}"),
                     format!("an element with a namespace, {}", element.label()),
                 ));
             }

@@ -8,6 +8,8 @@ use roxmltree::{Document, Node, ParsingOptions};
 pub(super) const MAX_BYTES: usize = 16 << 20;
 /// Largest number of elements, without attributes; a large humanoid has about ten thousand.
 const MAX_NODES: u32 = 1_000_000;
+/// What to do with a file of macros.
+pub(super) const EXPAND: &str = "expand macros with `xacro robot.urdf.xacro > robot.urdf`";
 
 /// Parses a text.
 ///
@@ -169,6 +171,11 @@ impl<'a> Element<'a> {
     fn parse(&self, name: &str, text: &str) -> Result<f64, UrdfError> {
         match text.parse::<f64>() {
             Ok(x) if x.is_finite() => Ok(x),
+            // What a macro would have replaced.
+            _ if text.contains("${") || text.contains("$(") => Err(self.error(
+                format!("{name} with finite numbers; {EXPAND}"),
+                format!("\"{}\"", shortened(text)),
+            )),
             _ => Err(self.error(
                 format!("{name} with finite numbers"),
                 format!("\"{}\"", shortened(text)),

@@ -131,7 +131,7 @@ impl CommonArgs {
         if !self.is_launched() {
             let words = files
                 .iter()
-                .filter_map(|path| super::robot::suspicious_length(path, &self.set));
+                .filter_map(|path| super::robot::suspicious_unit(path, &self.set));
             words.for_each(|words| tracing::warn!("{words}"));
         }
         Ok(config)

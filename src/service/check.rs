@@ -42,7 +42,7 @@ pub fn config_check(file: &Path, set: &[String], common: &CommonArgs) -> Result<
     if let Some(text) = robot_text(file) {
         let robot = RobotConfig::parse_with(&text, file, set)?;
         let arm = robot.model.robot();
-        for problem in arm.impossible_links().chain(arm.suspicious_length()) {
+        for problem in arm.impossible_links().chain(arm.suspicious_unit()) {
             logging::result(&format!("warning: {}: {problem}", robot.urdf.display()))?;
         }
     }

@@ -115,10 +115,10 @@ pub(super) fn source(
     }))
 }
 
-/// A warning about a robot's file of the command line, if its URDF is hardly in metres.
-pub(super) fn suspicious_length(path: &Path, set: &[String]) -> Option<String> {
+/// A warning about a robot's file of the command line, if its URDF is hardly in metres and radians.
+pub(super) fn suspicious_unit(path: &Path, set: &[String]) -> Option<String> {
     let config = RobotConfig::parse_with(&robot_text(path)?, path, set).ok()?;
-    let words = config.model.robot().suspicious_length()?;
+    let words = config.model.robot().suspicious_unit()?;
     Some(format!("{}: {words}", config.urdf.display()))
 }
 

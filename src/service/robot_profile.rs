@@ -14,7 +14,7 @@ pub(super) fn tell(input: &Path, config: &RobotConfig, log: &RobotLog) {
     }
     tell_skipped(input, log);
     let robot = config.model.robot();
-    for problem in robot.impossible_links().chain(robot.suspicious_length()) {
+    for problem in robot.impossible_links().chain(robot.suspicious_unit()) {
         tracing::warn!("{}: {problem}", config.urdf.display());
     }
     tell_velocities(input, config, log);

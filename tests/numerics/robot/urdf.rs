@@ -92,6 +92,11 @@ fn regress_a_wrong_urdf_is_refused_by_element_and_line() {
             "xacro",
         ),
         (
+            "<axis xyz=\"0 1 0\"/>",
+            "<axis xyz=\"${axis}\"/>",
+            "expand macros with `xacro robot.urdf.xacro > robot.urdf`, got \"${axis}\"",
+        ),
+        (
             "<link name=\"a\"/>",
             "<link name=\"a\"/><link name=\"z\"/>",
             "links without a joint before them are a, z",
@@ -374,7 +379,7 @@ fn fault_a_file_in_millimetres_is_told_by_its_longest_distance() {
         (300.0, 200.0, Some("joint \"j\": its <origin> is 300.0 m")),
         (0.0, 200.0, Some("link \"arm\": the centre of its mass is 200.0 m")),
     ] {
-        let found = robot(&urdf(joint_m, center_m)).suspicious_length();
+        let found = robot(&urdf(joint_m, center_m)).suspicious_unit();
         match said {
             None => assert_eq!(found, None),
             Some(said) => {
@@ -384,6 +389,28 @@ fn fault_a_file_in_millimetres_is_told_by_its_longest_distance() {
         }
     }
     for urdf in [SIX_AXIS, SEVEN_AXIS] {
-        assert_eq!(robot(urdf).suspicious_length(), None);
+        assert_eq!(robot(urdf).suspicious_unit(), None);
+    }
+}
+
+/// The limits of a joint that turns are in radians; those that stand for none are larger.
+#[test]
+fn fault_limits_in_degrees_are_told() {
+    for (limit, is_told) in [("2.9", false), ("170", true), ("-360", true), ("1e16", false)] {
+        let text = SIX_AXIS.replace(
+            "lower=\"-2.88\" upper=\"2.88\"",
+            &match limit.strip_prefix('-') {
+                Some(lower) => format!("lower=\"-{lower}\" upper=\"2.88\""),
+                None => format!("lower=\"-2.88\" upper=\"{limit}\""),
+            },
+        );
+        assert_ne!(text, SIX_AXIS);
+        let found = robot(&text).suspicious_unit();
+        assert_eq!(found.is_some(), is_told, "{limit}");
+        assert!(
+            found.is_none_or(
+                |words| words.starts_with("joint \"joint_1\": its <limit> is ") && words.contains("degrees")
+            )
+        );
     }
 }

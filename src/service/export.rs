@@ -1,6 +1,6 @@
 //! `thetabus export`: a recording's samples as a table.
 
-use super::new_file::{not_written, whole};
+use super::new_file::{not_written, or_remove, whole};
 use super::record::recording_at;
 use super::{Exit, ExportArgs, Failure, report};
 use crate::messages::Sample;
@@ -27,16 +27,20 @@ pub fn run(args: &ExportArgs) -> Result<Exit, Failure> {
         Some(out) => Box::new(BufWriter::new(File::create_new(out).map_err(unwritable)?)),
         None => Box::new(BufWriter::new(io::stdout().lock())),
     };
+    let or_removed = |written: io::Result<()>| match &args.out {
+        Some(out) => or_remove(out, written),
+        None => written,
+    };
     let mut csv = SamplesCsv::new(sink, reader.info()).map_err(unwritable)?;
     while let Some(sample) = &next_sample {
         match csv.write(sample) {
             // The reader of standard output has closed it.
             Err(e) if e.kind() == io::ErrorKind::BrokenPipe && args.out.is_none() => return Ok(Exit::Done),
-            written => written.map_err(unwritable)?,
+            written => or_removed(written).map_err(unwritable)?,
         }
         next_sample = next_of(&mut reader)?;
     }
-    csv.finish().map_err(unwritable)?;
+    or_removed(csv.finish()).map_err(unwritable)?;
     Ok(report::tell_loss(&reader.loss()))
 }
 

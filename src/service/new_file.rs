@@ -11,8 +11,14 @@ use std::path::{Path, PathBuf};
 /// # Errors
 /// If it exists or cannot be written.
 pub(super) fn write_new(path: &Path, text: &str) -> Result<(), Failure> {
-    let written = File::create_new(path).and_then(|mut file| file.write_all(text.as_bytes()));
-    written.map_err(|e| not_written(&whole(path).display(), &e))
+    let problem = |e: io::Error| not_written(&whole(path).display(), &e);
+    let mut file = File::create_new(path).map_err(problem)?;
+    or_remove(path, file.write_all(text.as_bytes())).map_err(problem)
+}
+
+/// Removes a new file that could not be written whole: it would stand in the way of the next try.
+pub(super) fn or_remove(path: &Path, written: io::Result<()>) -> io::Result<()> {
+    written.inspect_err(|_| _ = std::fs::remove_file(path))
 }
 
 /// Refuses a file that exists, before anything is computed for it.

@@ -10,6 +10,37 @@ use std::time::{Duration, Instant};
 const IDENTIFIER: &str = env!("CARGO_BIN_EXE_identifier");
 const THETABUS: &str = env!("CARGO_BIN_EXE_thetabus");
 
+/// Half a file would stand in the way of the next try, because nothing is written over.
+#[test]
+fn fault_a_full_disk_leaves_no_half_file() {
+    let try_it = r#"cd "$(mktemp -d)" && mkdir disk && mount -t tmpfs -o size=64k tmpfs disk"#;
+    if !permitted("unshare", &["--mount", "--propagation", "private", "sh", "-c", try_it]) {
+        return;
+    }
+    let site = Site::new();
+    site.start_run(&["--speed", "max", "--duration", "10"]).expect_code(0);
+    let script = r#"
+        mkdir disk && mount -t tmpfs -o size=16k tmpfs disk || exit 3
+        "$0" export "$1" --out disk/samples.csv; echo "export: $?"
+        "$0" excite "$2" --duration 8 --tries 2 --out disk/motion.csv; echo "excite: $?"
+        echo "files: $(ls disk)."
+    "#;
+    let robot = concat!(env!("CARGO_MANIFEST_DIR"), "/config/robots/six_axis.toml");
+    let mut command = Command::new("unshare");
+    command
+        .current_dir(site.dir.path())
+        .args(["--mount", "--propagation", "private", "sh", "-c", script, THETABUS])
+        .arg(site.out())
+        .arg(robot);
+    let mut all = Process::start(command);
+    all.expect_code(0);
+    let (said, errors) = (all.stdout(), all.stderr());
+    for line in ["export: 1", "excite: 1", "files: ."] {
+        assert!(said.contains(line), "{line}: {said}{errors}");
+    }
+    assert_eq!(errors.matches("No space left").count(), 2, "{errors}");
+}
+
 #[test]
 fn fault_a_full_disk_leaves_the_previous_checkpoint_and_the_identifier_running() {
     let mount = "mkdir disk && mount -t tmpfs -o size=256k tmpfs disk";

@@ -25,6 +25,20 @@ pub enum LogError {
         /// The likely mistake.
         likely: Option<Box<Suspicion>>,
     },
+    /// A column named in the configuration occurs twice.
+    #[error(
+        "{key}: the header has the column \"{name}\" twice, as columns {first} and {second}: give each a name of its own"
+    )]
+    Twice {
+        /// Key of the configuration.
+        key: &'static str,
+        /// The configured name.
+        name: String,
+        /// The first of them, counted from 1.
+        first: usize,
+        /// The other one.
+        second: usize,
+    },
     /// The header is not valid text.
     #[error(
         "line {line}: expected a header with the names of the columns as UTF-8 text, got other bytes or a quote that is not closed"

@@ -83,6 +83,20 @@ fn e2e_a_log_that_does_not_fit_its_configuration_is_refused_with_what_was_expect
     );
     identify.expect_code(2);
     identify.expect_stderr(&["log.csv", "log.q", "\"q_m\"", "\"position\""]);
+    // Which of two columns of one name was meant is unknown.
+    for header in ["t_s,q_m,q_ref_m,voltage_v,q_m", "t_s,q_m,q_ref_m,voltage_v,q_ref_m"] {
+        let log = servo_log(&site, "twice.csv", header, |t, q, u| format!("{t},{q},{q},{u},0"));
+        let log = log.to_str().expect("UTF-8");
+        let mut identify = site.start(Program::Thetabus, &["identify", log, "--config", SERVO_AXIS]);
+        identify.expect_code(2);
+        identify.expect_stderr(&["twice, as columns "]);
+    }
+    let other = servo_log(&site, "other.csv", "t_s,q_m,q_ref_m,voltage_v,a,a", |t, q, u| {
+        format!("{t},{q},{q},{u},0,0")
+    });
+    let other = other.to_str().expect("UTF-8");
+    let mut identify = site.start(Program::Thetabus, &["identify", other, "--config", SERVO_AXIS]);
+    identify.expect_code(0);
 }
 
 /// Samples of the simulated servo axis as a log; `row` writes t \[s\], q \[m\] and u \[V\].

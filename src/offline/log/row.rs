@@ -50,8 +50,8 @@ impl RowReader {
     /// Finds the columns in the header, the first line of a file.
     ///
     /// # Errors
-    /// If there is no valid header, columns are missing, or their number does not match the model's
-    /// joints.
+    /// If there is no valid header, columns are missing or occur twice, or their number does not
+    /// match the model's joints.
     pub fn new(header: &[u8], line: u64, columns: &LogColumns, joints: usize, period_s: f64) -> Result<Self, LogError> {
         let text = std::str::from_utf8(header).map_err(|_| LogError::Header { line })?;
         let mut names = Vec::new();
@@ -59,13 +59,22 @@ impl RowReader {
             return Err(LogError::Header { line });
         }
         let find = |key: &'static str, name: &String| {
-            let place = names.iter().position(|column| column == name);
-            place.ok_or_else(|| LogError::Column {
-                key,
-                name: cut(name),
-                columns: listed(&names),
-                likely: judge_header(text).map(Box::new),
-            })
+            let mut places = (0..names.len()).filter(|place| names[*place] == name);
+            match (places.next(), places.next()) {
+                (Some(place), None) => Ok(place),
+                (Some(first), Some(second)) => Err(LogError::Twice {
+                    key,
+                    name: cut(name),
+                    first: first + 1,
+                    second: second + 1,
+                }),
+                (None, _) => Err(LogError::Column {
+                    key,
+                    name: cut(name),
+                    columns: listed(&names),
+                    likely: judge_header(text).map(Box::new),
+                }),
+            }
         };
         let count = |key: &'static str, names: &[String], may_be_none: bool| {
             if names.len() != joints.min(MAX_JOINTS) && !(may_be_none && names.is_empty()) {

@@ -18,7 +18,7 @@
 //! Sources: M. Gautier, S. Briot, J. Dyn. Sys., Meas., Control 136 (2014), on drive gains from a
 //! known payload.
 
-use super::error::{IdentifyError, LoadError, SampleFault};
+use super::error::{IdentifyError, LoadError, SampleFault, is_load};
 use super::identify::RobotIdentifier;
 use super::identify_options::IdentifyOptions;
 use super::model::RobotModel;
@@ -138,12 +138,8 @@ impl GainCalibration {
         loaded: &[RobotSample],
         load: &KnownLoad,
     ) -> Result<Self, CalibrationError> {
-        let numbers = load
-            .center_m
-            .iter()
-            .flatten()
-            .chain(load.inertia_kg_m2.iter().flatten());
-        if !(load.mass_kg > 0.0 && load.mass_kg.is_finite()) || numbers.into_iter().any(|x| !x.is_finite()) {
+        let mut inertia = load.inertia_kg_m2.iter().flatten();
+        if !is_load(load.mass_kg, load.center_m) || inertia.any(|x| !x.is_finite()) {
             return Err(CalibrationError::Load(LoadError::Numbers {
                 mass_kg: load.mass_kg,
                 center_m: load.center_m,

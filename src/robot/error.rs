@@ -351,7 +351,7 @@ pub enum RobotSimError {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum LoadError {
-    /// A mass that is not above 0, or a centre that is not finite.
+    /// A mass that is not above 0 or too large, or a centre that is not finite or too far.
     #[error("load: {}", numbers(*mass_kg, Some(*center_m), None))]
     Mass {
         /// Mass given \[kg\].
@@ -376,12 +376,30 @@ pub enum LoadError {
     },
 }
 
+/// Largest mass of a load \[kg\].
+const HEAVIEST_KG: f64 = 1e6;
+/// Largest distance of its centre from the flange \[m\]; one in millimetres is mostly farther.
+const FARTHEST_M: f64 = 5.0;
+
+/// True for the mass \[kg\] and, if it is known, the centre of mass \[m\] of a load that an arm may
+/// carry.
+pub(super) fn is_load(mass_kg: f64, center_m: Option<[f64; 3]>) -> bool {
+    let is_near = |center: [f64; 3]| center.iter().map(|x| x * x).sum::<f64>() <= FARTHEST_M * FARTHEST_M;
+    mass_kg > 0.0 && mass_kg <= HEAVIEST_KG && center_m.is_none_or(is_near)
+}
+
 /// Which of the numbers of a load is wrong.
 fn numbers(mass_kg: f64, center_m: Option<[f64; 3]>, inertia_kg_m2: Option<[f64; 6]>) -> String {
     if !(mass_kg > 0.0 && mass_kg.is_finite()) {
         return format!("mass: expected the mass of the load in kg, a finite number above 0, got {mass_kg}");
     }
+    if mass_kg > HEAVIEST_KG {
+        return format!("mass: expected the mass of the load in kg, at most {HEAVIEST_KG}, got {mass_kg}");
+    }
     match (center_m, inertia_kg_m2) {
+        (Some(center), _) if center.iter().all(|x| x.is_finite()) && !is_load(mass_kg, center_m) => format!(
+            "com: expected the centre of mass in m, at most {FARTHEST_M} m from the flange, got {center:?}; divide millimetres by 1000"
+        ),
         (Some(center), _) if center.iter().any(|x| !x.is_finite()) => {
             format!("com: expected three finite numbers in m, got {center:?}")
         }

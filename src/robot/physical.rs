@@ -10,7 +10,7 @@
 //! converge slowly along the boundary of the cone. Sources: P. Wensing, S. Kim, J.-J. Slotine, IEEE
 //! RA-L 3 (2018); T. Lee, P. Wensing, F. Park, IEEE T-RO 36 (2020).
 
-use super::error::LoadError;
+use super::error::{LoadError, is_load};
 use super::spatial::{BODY_PARAMETERS, BodyParameters};
 use crate::model::{ball_inertia, load_at_flange};
 use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, Vector3};
@@ -146,7 +146,7 @@ pub fn project(estimate: &BodyParameters, information: &BodyInformation) -> Opti
 /// # Errors
 /// If no body can have these values.
 pub fn declared_load(mass_kg: f64, center_m: [f64; 3], inertia: Option<[f64; 6]>) -> Result<BodyParameters, LoadError> {
-    if !(mass_kg > 0.0 && mass_kg.is_finite() && center_m.iter().all(|x| x.is_finite())) {
+    if !is_load(mass_kg, Some(center_m)) {
         return Err(LoadError::Mass { mass_kg, center_m });
     }
     let body = BodyParameters(load_at_flange(mass_kg, center_m, inertia));

@@ -217,6 +217,15 @@ fn ident_a_declaration_that_is_wrong_is_found_out() {
 fn fault_loads_that_cannot_exist_are_refused() {
     assert!(declared_load(0.0, [0.0; 3], None).is_err());
     assert!(declared_load(1.0, [f64::NAN, 0.0, 0.0], None).is_err());
+    // Millimetres for metres.
+    let heavy = declared_load(2e6, [0.0; 3], None).unwrap_err().to_string();
+    assert!(heavy.contains("at most 1000000, got 2000000"), "{heavy}");
+    let far = declared_load(2.8, [30.0, 150.0, 40.0], None).unwrap_err().to_string();
+    assert!(
+        far.contains("com: ") && far.contains("divide millimetres by 1000"),
+        "{far}"
+    );
+    assert!(declared_load(2.8, [0.03, 0.15, 0.04], None).is_ok());
     // One principal inertia above the sum of the others.
     let error = declared_load(1.0, [0.0; 3], Some([0.1, 0.0, 0.01, 0.0, 0.0, 0.01])).unwrap_err();
     assert!(

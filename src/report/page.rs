@@ -27,7 +27,7 @@ p{margin:0 0 12px}
 .warn{border-left:4px solid var(--warn);background:var(--card);padding:10px 14px;margin:16px 0 0}
 .scroll{overflow-x:auto;background:var(--card);border:1px solid var(--line);border-radius:6px}
 table{border-collapse:collapse;width:100%;font-variant-numeric:tabular-nums lining-nums}
-th,td{padding:7px 14px;text-align:right;white-space:nowrap;border-bottom:1px solid var(--line)}
+th,td{padding:7px 10px;text-align:right;white-space:nowrap;border-bottom:1px solid var(--line)}
 tr:last-child td{border-bottom:0}
 th{font-weight:500;color:var(--soft);font-size:13px;border-bottom:1px solid var(--rule)}
 th:first-child,td:first-child,th:last-child,td:last-child,#result th:nth-child(6),#result td:nth-child(6){text-align:left}

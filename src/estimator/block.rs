@@ -488,13 +488,15 @@ impl BlockEstimator {
             self.take_refit(refit);
             return IndexSet::EMPTY;
         }
-        let change = match self.search(rows).explain(joined, detection.margin) {
+        let mut change = match self.search(rows).explain(joined, detection.margin) {
             Ok(change) => change,
             Err(refit) => {
                 self.take_refit(refit);
                 return IndexSet::EMPTY;
             }
         };
+        // The whole block came after a change that shows late, so one fit explains it.
+        change.is_late = alarm.late && self.since_change < u32::MAX && change.kind == ChangeKind::Between;
         if change.kind != ChangeKind::Drift {
             self.since_change = 0;
             self.groups.begin_cause_search(rows);

@@ -75,26 +75,41 @@ const SINGULAR: f64 = 1e-9;
 /// Boundaries per level of the search for τ.
 const GRID: usize = 64;
 
+/// What a block is compared with.
+#[derive(Debug, Clone, Copy)]
+enum Known {
+    /// P of the recursion.
+    Recursion,
+    /// The same, widened by what the data since the last change have not confirmed.
+    Confirmed,
+}
+
 impl GroupState {
     /// Probability of T at least this large if the plant is unchanged; 1 if there is nothing to
     /// compare with. The sums are those of all rows at `theta`.
     pub fn change_probability(&mut self, rows: &dyn Summable, theta: &[f64]) -> f64 {
-        let probability = self.probability_of_the_block(theta, None);
+        let probability = self.probability_of_the_block(theta, None, Known::Recursion);
         if probability < JOINS {
-            probability.max(self.probability_of_the_block(theta, Some(rows)))
+            probability.max(self.probability_of_the_block(theta, Some(rows), Known::Recursion))
         } else {
             probability
         }
     }
 
+    /// True if what the data since the last change have not confirmed explains the difference: the
+    /// same change shows at another joint later, as soon as it moves. For the same sums.
+    pub fn expects_the_block(&mut self, rows: &dyn Summable, theta: &[f64]) -> bool {
+        !self.confirmation.is_settled() && self.probability_of_the_block(theta, Some(rows), Known::Confirmed) >= JOINS
+    }
+
     /// The same; with the `rows`, correlated residuals count as more noise.
-    fn probability_of_the_block(&mut self, theta: &[f64], rows: Option<&dyn Summable>) -> f64 {
+    fn probability_of_the_block(&mut self, theta: &[f64], rows: Option<&dyn Summable>, known: Known) -> f64 {
         let freedom = self.equations.freedom();
         if self.tally.is_empty() || freedom < 1.0 {
             return 1.0;
         }
         self.weigh_the_block(theta, rows);
-        self.root_of_the_prior();
+        self.root_of_the_prior(known);
         self.turn_to_directions();
         let (t, rank) = self.squares();
         let (t, directions) = (t.max(0.0), rank as f64);
@@ -137,12 +152,19 @@ impl GroupState {
     }
 
     /// Writes L to `a`: P = L Lᵀ from the eigenvectors of the correlation matrix; zero for fixed
-    /// parameters.
-    fn root_of_the_prior(&mut self) {
+    /// parameters. `known` chooses P.
+    fn root_of_the_prior(&mut self, known: Known) {
         let n = self.n;
         let room = &mut self.room;
+        match known {
+            Known::Recursion => (0..n * n).for_each(|k| room.b[k] = self.errors.doubting_guess(k, GUESS)),
+            Known::Confirmed => {
+                let published = &self.confirmation.covariance;
+                self.widened.unconfirmed(self.errors.total(), published, &mut room.b);
+            }
+        }
         for i in 0..n {
-            let v = self.errors.doubting_guess(i * n + i, GUESS);
+            let v = room.b[i * n + i];
             room.scale[i] = if v > 0.0 && self.limits.is_free(i) {
                 v.sqrt()
             } else {
@@ -151,8 +173,11 @@ impl GroupState {
         }
         for k in 0..n * n {
             let (si, sj) = (room.scale[k / n], room.scale[k % n]);
-            let v = self.errors.doubting_guess(k, GUESS);
-            room.a[k] = if si > 0.0 && sj > 0.0 { v / (si * sj) } else { 0.0 };
+            room.a[k] = if si > 0.0 && sj > 0.0 {
+                room.b[k] / (si * sj)
+            } else {
+                0.0
+            };
         }
         room.eigen.decompose(n, &room.a);
         for i in 0..n {

@@ -27,6 +27,8 @@ pub struct Alarm {
     pub raised: bool,
     /// The alarm came from a group whose parameters were known by then.
     pub known: bool,
+    /// What is not yet confirmed since the last change explains every alarm.
+    pub late: bool,
     /// Groups that take part in the change.
     pub joined: IndexSet,
 }
@@ -57,15 +59,19 @@ pub struct ChangeSearch<'a> {
 
 impl ChangeSearch<'_> {
     /// Tests the groups that follow no line; `lines` marks those that do.
-    pub fn alarm(&self, lines: IndexSet, detection: ChangeDetection) -> Alarm {
+    pub fn alarm(&mut self, lines: IndexSet, detection: ChangeDetection) -> Alarm {
+        // with one iteration the sums are those at θ̄
+        let single = self.options.max_iterations == 1;
+        let at = if single { &*self.before } else { &*self.theta };
         let level = detection.false_alarm_rate / self.groups.len() as f64;
         let mut alarm = Alarm {
             probability: 1.0,
             raised: false,
             known: false,
+            late: true,
             joined: IndexSet::EMPTY,
         };
-        for (k, group) in self.groups.iter().enumerate() {
+        for (k, group) in self.groups.iter_mut().enumerate() {
             if lines.contains(k) {
                 continue;
             }
@@ -75,6 +81,7 @@ impl ChangeSearch<'_> {
             let raised = probability < level || another;
             alarm.raised |= raised;
             alarm.known |= raised && !group.is_open(self.before);
+            alarm.late &= !raised || (!another && group.expects_the_block(self.rows, at));
             if raised || probability < JOINS {
                 alarm.joined.insert(k);
             }
@@ -218,6 +225,7 @@ impl ChangeSearch<'_> {
             kind: ChangeKind::Within,
             row: start,
             time: rows.span(start).0,
+            is_late: false,
         }
     }
 

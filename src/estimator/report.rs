@@ -50,6 +50,8 @@ pub struct Change {
     pub row: usize,
     /// First instant of that row, in the unit of [`span`](super::Residuals::span).
     pub time: u64,
+    /// The last change, which a joint shows only now, because it rested until then.
+    pub is_late: bool,
 }
 
 impl Change {
@@ -59,6 +61,7 @@ impl Change {
             kind,
             row: 0,
             time: rows.span(0).0,
+            is_late: false,
         }
     }
 }

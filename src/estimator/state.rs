@@ -309,7 +309,17 @@ mod tests {
         assert_eq!(drive(&mut m, |_| ()), (Phase::Degraded, false));
         assert_eq!(drive(&mut m, |_| ()), (Phase::Converged, true));
         // a change
-        let change = |kind| move |r: &mut Report| r.change = Some(Change { kind, row: 5, time: 5 });
+        let change = |kind| {
+            let (row, time, is_late) = (5, 5, false);
+            move |r: &mut Report| {
+                r.change = Some(Change {
+                    kind,
+                    row,
+                    time,
+                    is_late,
+                });
+            }
+        };
         assert_eq!(drive(&mut m, change(ChangeKind::Drift)), (Phase::Converged, true));
         assert_eq!(drive(&mut m, change(ChangeKind::Within)), (Phase::Changing, false));
         assert_eq!(drive(&mut m, |r| r.innovation_rms[0] = 6.0), (Phase::Changing, false));

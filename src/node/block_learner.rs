@@ -113,7 +113,9 @@ impl<B: SampleBlock + Send + 'static> Learner for BlockLearner<B> {
         let spiky = f64::from(replaced) / (2 * end.joints.max(1)) as f64 / end.len as f64;
         let mut estimate = message(report, self.judge.step(report, end.lost.max(spiky)));
         estimate.outliers = estimate.outliers.saturating_add(replaced);
-        let change = report.change.filter(|change| change.kind != ChangeKind::Drift);
+        let change = report
+            .change
+            .filter(|change| change.kind != ChangeKind::Drift && !change.is_late);
         if change.is_some() {
             estimate.flags |= estimate_flags::CHANGED;
         }

@@ -90,6 +90,7 @@ fn fill(report: &mut Report, robot: &RobotIdentifier, learnt: bool, changed_befo
         kind: ChangeKind::Within,
         row: 0,
         time: (change.t_s.max(0.0) * 1e9) as u64,
+        is_late: false,
     });
     let figures = robot.figures();
     let joints = report.fit.len();

@@ -192,6 +192,21 @@ fn ident_what_a_late_change_has_left_wrong_is_not_confirmed_by_doubt_about_its_c
     }
 }
 
+/// The payload changes while joint 1 rests. Joint 2 shows it at once, joint 1 only when it moves, in
+/// the next block but one. In each of these runs that was announced as a second change.
+#[test]
+fn prop_a_change_that_shows_late_at_another_joint_is_announced_once() {
+    for seed in [107, 113, 119, 122] {
+        let spec = TrialSpec {
+            blocks: 40,
+            ..TrialSpec::new(Motion::MinimumJerk, seed)
+        };
+        let (result, _) = run(&spec.settings());
+        let counts = (result.changes, result.detected, result.false_alarms, result.dangerous);
+        assert_eq!(counts, (1, 1, 0, 0), "seed {seed}: {:?}", result.worst);
+    }
+}
+
 /// A run of the encoder arm: its score, and how many of the last ten estimates may be used.
 fn run(settings: &[String]) -> (TrialResult, usize) {
     watched(settings, |_| {})

@@ -189,8 +189,8 @@ impl Confirmation {
         self.reference.copy_from_slice(theta);
     }
 
-    /// V for θ̂ of the group, whose parameters have the sizes `size`, 0 for a fixed one: from the P of
-    /// the recursion, and that P as `widened` by what the recursion does not see.
+    /// V for θ̂ of the group, whose parameters have the sizes `size`, 0 for a fixed one: from the P
+    /// of the recursion, and that P as `widened` by what the recursion does not see.
     pub fn publish(&mut self, theta: &[f64], size: &[f64], recursion: &[f64], widened: &[f64]) {
         let n = self.n;
         self.covariance.copy_from_slice(widened);

@@ -32,12 +32,8 @@ pub(super) fn log(form: &FileForm, model: Option<&SharedModel>, check: &mut Chec
     if section.input_unit == 0.0 {
         check.wrong("log.input_unit", "expected a number that is not 0, got 0");
     }
-    // of a machine with slides and hinges, the unit is that of the joints that it suits; others are
-    // in m or rad
-    let unit_of = |joint: usize| match model.map(|model| model.definition()) {
-        Some(d) if d.is_mixed() && d.turns.get(joint) == Some(&section.position_unit.is_length()) => 1.0,
-        _ => section.position_unit.si(),
-    };
+    let turns = model.map_or(&[][..], |model| &model.definition().turns);
+    let unit_of = |joint: usize| section.position_unit.of_joint(turns, joint).si();
     LogColumns {
         time: section.time.clone(),
         time_unit_s: section.time_unit.seconds(),

@@ -48,7 +48,7 @@ pub use kind::{Interval, Key, Kind, Len};
 pub use layers::Source;
 #[cfg(feature = "robot")]
 pub use robot::{RobotConfig, is_robot_override};
-pub use schema::{Delivery, FeedForward, FileForm, RealOr, keys};
+pub use schema::{Delivery, FeedForward, FileForm, PositionUnit, RealOr, keys};
 pub use sections::{
     BusConfig, CheckpointConfig, Config, ControllerConfig, EstimatorConfig, IdentifierConfig, LogColumns,
     MonitorConfig, PlantConfig, RealtimeConfig, RealtimeSettings, Speed, SupervisionConfig,

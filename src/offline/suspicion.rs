@@ -5,6 +5,7 @@
 //! nearly always do: joints that turn three times, axes longer than ten metres.
 
 use super::profile::{ColumnProfile, LogProfile, Signal, short};
+use crate::config::PositionUnit;
 use std::fmt;
 
 /// Joints seldom turn further \[rad\]; angles in degrees span more.
@@ -29,23 +30,17 @@ const WRAP: std::ops::Range<f64> = 0.9..1.1;
 pub struct Configured<'a> {
     /// True if a joint turns, joint by joint; otherwise it moves along a line.
     pub turns: &'a [bool],
-    /// Word for the unit of the position columns: `rad`, `deg`, `turn`, `m`, `mm` or `um`.
-    pub position_unit: &'a str,
+    /// Unit of the position columns, for the joints that it suits.
+    pub position_unit: PositionUnit,
     /// Sign of the acceleration due to a positive input in the model, 1 or −1; 0 if unknown.
     pub input_sign: f64,
 }
 
-impl<'a> Configured<'a> {
-    /// Whether a joint turns, and the word for the unit of its position. Beside joints that turn,
-    /// slides are in m unless the unit is one of length, and the reverse.
-    fn joint(&self, joint: usize) -> (bool, &'a str) {
+impl Configured<'_> {
+    /// Whether a joint turns, and the unit of its position.
+    fn joint(&self, joint: usize) -> (bool, PositionUnit) {
         let turns = self.turns.get(joint).copied().unwrap_or(false);
-        let is_length = matches!(self.position_unit, "m" | "mm" | "um");
-        match (self.turns.contains(&!turns), turns, is_length) {
-            (true, true, true) => (turns, "rad"),
-            (true, false, false) => (turns, "m"),
-            _ => (turns, self.position_unit),
-        }
+        (turns, self.position_unit.of_joint(self.turns, joint))
     }
 }
 
@@ -287,22 +282,24 @@ fn judge_position(column: &ColumnProfile, joint: usize, configured: &Configured<
         (true, _) if WRAP.contains(&one_turn) || WRAP.contains(&one_turn.to_radians()) => {
             Some(Suspicion::Wraps { column: name })
         }
-        (true, unit) if unit != "deg" && span > LARGEST_SPAN_RAD => Some(Suspicion::Degrees {
+        (true, unit) if unit != PositionUnit::Degrees && span > LARGEST_SPAN_RAD => Some(Suspicion::Degrees {
             column: name,
             span_rad: span,
         }),
-        (true, "deg") if span < SMALLEST_SPAN_RAD => Some(Suspicion::Radians {
+        (true, PositionUnit::Degrees) if span < SMALLEST_SPAN_RAD => Some(Suspicion::Radians {
             column: name,
             span_rad: span,
         }),
-        (false, "m") if span > LARGEST_SPAN_M => Some(Suspicion::Millimetres {
+        (false, PositionUnit::Metres) if span > LARGEST_SPAN_M => Some(Suspicion::Millimetres {
             column: name,
             span_m: span,
         }),
-        (false, "mm" | "um") if span < SMALLEST_SPAN_M => Some(Suspicion::Metres {
-            column: name,
-            span_m: span,
-        }),
+        (false, PositionUnit::Millimetres | PositionUnit::Micrometres) if span < SMALLEST_SPAN_M => {
+            Some(Suspicion::Metres {
+                column: name,
+                span_m: span,
+            })
+        }
         _ => None,
     }
 }

@@ -5,7 +5,6 @@ use super::offline_run::OfflineRun;
 use super::run_info::run_info;
 use super::wiring::monitor_node;
 use super::{Exit, Failure, IdentifyArgs};
-use crate::config::Choice as _;
 use crate::config::Config;
 use crate::messages::Sample;
 use crate::offline::{Configured, LineError, LogError, LogReader, judge_bounds, judge_profile};
@@ -127,7 +126,7 @@ fn tell(input: &Path, config: &Config, log: &LogReader<BufReader<File>>, line: &
     }
     let configured = Configured {
         turns: &definition.turns,
-        position_unit: config.file_form().log.position_unit.word(),
+        position_unit: config.file_form().log.position_unit,
         input_sign: input_sign(config),
     };
     let parameters = config.model.parameters().iter();

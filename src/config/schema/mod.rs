@@ -26,7 +26,7 @@ pub use identifier::{Automatic, ConsideredErrors, Identifier, InputKind, Project
 pub use model::{Known, Model, ServoAxisModel};
 pub(super) use needs::Need;
 pub use plant::{Arm, Controller, Fastest, MachineKind, Mass2, ModelPlant, Plant, Sensors, ServoAxisPlant, Unmodelled};
-pub use programs::{Checkpoint, Control, FeedForward, Log, Monitor, Realtime, Supervision};
+pub use programs::{Checkpoint, Control, FeedForward, Log, Monitor, PositionUnit, Realtime, Supervision};
 #[cfg(feature = "robot")]
 pub use robot::{
     DriveForm, ExciteForm, FrictionForm, IdentifyForm, LogForm, MotionKind, PayloadForm, RobotControllerKind,

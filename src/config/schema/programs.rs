@@ -76,6 +76,17 @@ impl PositionUnit {
             Self::Radians | Self::Degrees | Self::Turns => false,
         }
     }
+
+    /// The unit of a joint's positions in a log with this unit. If some joints turn and others do
+    /// not, this is the unit of the joints that it suits, and the others are in rad or m.
+    pub fn of_joint(self, turns: &[bool], joint: usize) -> Self {
+        let is_mixed = turns.contains(&true) && turns.contains(&false);
+        match turns.get(joint) {
+            Some(true) if is_mixed && self.is_length() => Self::Radians,
+            Some(false) if is_mixed && !self.is_length() => Self::Metres,
+            _ => self,
+        }
+    }
 }
 
 table! {

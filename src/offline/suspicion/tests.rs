@@ -2,6 +2,12 @@
 
 use super::*;
 
+const RAD: PositionUnit = PositionUnit::Radians;
+const DEG: PositionUnit = PositionUnit::Degrees;
+const TURN: PositionUnit = PositionUnit::Turns;
+const M: PositionUnit = PositionUnit::Metres;
+const MM: PositionUnit = PositionUnit::Millimetres;
+
 fn profile(signal: Signal, min: f64, max: f64, largest_step: f64) -> LogProfile {
     LogProfile {
         columns: vec![ColumnProfile {
@@ -22,38 +28,30 @@ fn regress_each_likely_mistake_is_named_with_the_key_that_mends_it_and_a_good_lo
     let q = Signal::Position(0);
     // (what, turns, unit, column, its range in SI units, largest step, words)
     let cases = [
-        ("an arm in rad", true, "rad", q, [-3.0, 3.0], 0.01, ""),
-        ("two turns", true, "rad", q, [0.0, 12.5], 0.01, ""),
-        (
-            "an arm in degrees as rad",
-            true,
-            "rad",
-            q,
-            [-90.0, 90.0],
-            1.0,
-            "\"deg\"",
-        ),
+        ("an arm in rad", true, RAD, q, [-3.0, 3.0], 0.01, ""),
+        ("two turns", true, RAD, q, [0.0, 12.5], 0.01, ""),
+        ("an arm in degrees as rad", true, RAD, q, [-90.0, 90.0], 1.0, "\"deg\""),
         (
             "small motion in degrees as rad",
             true,
-            "rad",
+            RAD,
             q,
             [0.0, 20.0],
             0.1,
             "\"deg\"",
         ),
-        ("rad as deg", true, "deg", q, [-0.02, 0.03], 1e-4, "\"rad\""),
-        ("degrees as deg", true, "deg", q, [-1.5, 1.5], 1e-2, ""),
-        ("degrees as turns", true, "turn", q, [0.0, 500.0], 1.0, "\"deg\""),
-        ("an axis in m", false, "m", q, [-0.1, 0.1], 0.001, ""),
-        ("an axis of 300 mm as m", false, "m", q, [0.0, 300.0], 1.0, "\"mm\""),
-        ("mm as mm", false, "mm", q, [0.0, 0.3], 0.001, ""),
-        ("m as mm", false, "mm", q, [0.0, 3e-4], 1e-6, "\"m\""),
-        ("a wrapped encoder", true, "rad", q, [-3.1, 3.1], 6.2, "unwrapped"),
+        ("rad as deg", true, DEG, q, [-0.02, 0.03], 1e-4, "\"rad\""),
+        ("degrees as deg", true, DEG, q, [-1.5, 1.5], 1e-2, ""),
+        ("degrees as turns", true, TURN, q, [0.0, 500.0], 1.0, "\"deg\""),
+        ("an axis in m", false, M, q, [-0.1, 0.1], 0.001, ""),
+        ("an axis of 300 mm as m", false, M, q, [0.0, 300.0], 1.0, "\"mm\""),
+        ("mm as mm", false, MM, q, [0.0, 0.3], 0.001, ""),
+        ("m as mm", false, MM, q, [0.0, 3e-4], 1e-6, "\"m\""),
+        ("a wrapped encoder", true, RAD, q, [-3.1, 3.1], 6.2, "unwrapped"),
         (
             "the same in degrees as rad",
             true,
-            "rad",
+            RAD,
             q,
             [-179.0, 179.0],
             358.0,
@@ -62,7 +60,7 @@ fn regress_each_likely_mistake_is_named_with_the_key_that_mends_it_and_a_good_lo
         (
             "a machine that was off",
             false,
-            "m",
+            M,
             q,
             [0.2, 0.2],
             0.0,
@@ -71,7 +69,7 @@ fn regress_each_likely_mistake_is_named_with_the_key_that_mends_it_and_a_good_lo
         (
             "no input",
             false,
-            "m",
+            M,
             Signal::Input(0),
             [0.0, 0.0],
             0.0,
@@ -80,7 +78,7 @@ fn regress_each_likely_mistake_is_named_with_the_key_that_mends_it_and_a_good_lo
         (
             "a setpoint that rests",
             false,
-            "m",
+            M,
             Signal::Setpoint(0),
             [0.0, 0.0],
             0.0,
@@ -106,11 +104,11 @@ fn regress_each_likely_mistake_is_named_with_the_key_that_mends_it_and_a_good_lo
 #[test]
 fn regress_a_slide_beside_a_hinge_is_judged_in_m() {
     for (position_unit, signal, range, words) in [
-        ("deg", Signal::Position(1), [0.0, 0.3], ""),
-        ("deg", Signal::Position(1), [0.0, 300.0], "\"mm\""),
-        ("deg", Signal::Position(0), [0.0, 0.01], "\"rad\""),
-        ("mm", Signal::Position(0), [0.0, 3.0], ""),
-        ("mm", Signal::Position(0), [0.0, 180.0], "\"deg\""),
+        (DEG, Signal::Position(1), [0.0, 0.3], ""),
+        (DEG, Signal::Position(1), [0.0, 300.0], "\"mm\""),
+        (DEG, Signal::Position(0), [0.0, 0.01], "\"rad\""),
+        (MM, Signal::Position(0), [0.0, 3.0], ""),
+        (MM, Signal::Position(0), [0.0, 180.0], "\"deg\""),
     ] {
         let configured = Configured {
             turns: &[true, false],
@@ -120,10 +118,10 @@ fn regress_a_slide_beside_a_hinge_is_judged_in_m() {
         let found = judge_profile(&profile(signal, range[0], range[1], 1e-3), &configured, &[]);
         let told: Vec<String> = found.iter().map(ToString::to_string).collect();
         match words {
-            "" => assert!(told.is_empty(), "{position_unit} {range:?}: {told:?}"),
+            "" => assert!(told.is_empty(), "{position_unit:?} {range:?}: {told:?}"),
             words => assert!(
                 told.len() == 1 && told[0].contains(words),
-                "{position_unit} {range:?}: {told:?}"
+                "{position_unit:?} {range:?}: {told:?}"
             ),
         }
     }
@@ -143,7 +141,7 @@ fn regress_an_input_against_the_models_direction_is_named_where_the_data_are_sur
     ] {
         let configured = Configured {
             turns: &[false],
-            position_unit: "m",
+            position_unit: M,
             input_sign,
         };
         let found = judge_profile(&profile, &configured, &[correlation]);

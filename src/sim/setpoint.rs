@@ -203,28 +203,30 @@ impl Setpoint {
                 positive("setpoint.sweep_s", *sweep_s)
             }
             Self::Moves(moves) => moves.validate(sample_period_s),
-            Self::Table { t_s, values_rad, .. } => {
-                if t_s.is_empty() || t_s.len() != values_rad.len() {
-                    let got = format!("{} times and {} values", t_s.len(), values_rad.len());
-                    return Err(SimError::new(
-                        "setpoint.table",
-                        "as many times as values, at least one",
-                        got,
-                    ));
-                }
-                t_s.iter().try_for_each(|&t| finite("setpoint.table.t_s", t))?;
-                values_rad
-                    .iter()
-                    .try_for_each(|&value| finite("setpoint.table.values_rad", value))?;
-                match t_s.windows(2).find(|pair| pair[1] <= pair[0]) {
-                    Some(pair) => {
-                        let got = format!("{} s after {} s", pair[1], pair[0]);
-                        Err(SimError::new("setpoint.table.t_s", "rising times", got))
-                    }
-                    None => Ok(()),
-                }
-            }
+            Self::Table { t_s, values_rad, .. } => validate_table(t_s, values_rad),
         }
+    }
+}
+
+fn validate_table(t_s: &[f64], values_rad: &[f64]) -> Result<(), SimError> {
+    if t_s.is_empty() || t_s.len() != values_rad.len() {
+        let got = format!("{} times and {} values", t_s.len(), values_rad.len());
+        return Err(SimError::new(
+            "setpoint.table",
+            "as many times as values, at least one",
+            got,
+        ));
+    }
+    t_s.iter().try_for_each(|&t| finite("setpoint.table.t_s", t))?;
+    values_rad
+        .iter()
+        .try_for_each(|&value| finite("setpoint.table.values_rad", value))?;
+    match t_s.windows(2).find(|pair| pair[1] <= pair[0]) {
+        Some(pair) => {
+            let got = format!("{} s after {} s", pair[1], pair[0]);
+            Err(SimError::new("setpoint.table.t_s", "rising times", got))
+        }
+        None => Ok(()),
     }
 }
 
@@ -340,22 +342,11 @@ impl SetpointSource {
                 max_frequency_hz,
                 amplitude_rad,
             } => {
-                let octaves = (max_frequency_hz / min_frequency_hz).ln() / count as f64;
-                let mut tones: Vec<Tone> = (0..count)
-                    .map(|part| {
-                        let frequency_hz = min_frequency_hz * (octaves * (part as f64 + noise.uniform())).exp();
-                        Tone {
-                            frequency_hz,
-                            amplitude_rad: 1.0 / frequency_hz,
-                            phase_rad: TAU * noise.uniform(),
-                        }
-                    })
-                    .collect();
-                let sum: f64 = tones.iter().map(|tone| tone.amplitude_rad).sum();
-                tones
-                    .iter_mut()
-                    .for_each(|tone| tone.amplitude_rad *= amplitude_rad / sum);
-                Source::Sines { offset: 0.0, tones }
+                let range = [min_frequency_hz, max_frequency_hz];
+                Source::Sines {
+                    offset: 0.0,
+                    tones: random_tones(count, range, amplitude_rad, &mut noise),
+                }
             }
             Setpoint::Random {
                 min_rad,
@@ -491,4 +482,24 @@ impl SetpointSource {
             }
         }
     }
+}
+
+/// The sines of [`Setpoint::RandomSines`], with frequencies in this range \[Hz\].
+fn random_tones(count: usize, [min_hz, max_hz]: [f64; 2], amplitude_rad: f64, noise: &mut Noise) -> Vec<Tone> {
+    let part_width = (max_hz / min_hz).ln() / count as f64;
+    let mut tones: Vec<Tone> = (0..count)
+        .map(|part| {
+            let frequency_hz = min_hz * (part_width * (part as f64 + noise.uniform())).exp();
+            Tone {
+                frequency_hz,
+                amplitude_rad: 1.0 / frequency_hz,
+                phase_rad: TAU * noise.uniform(),
+            }
+        })
+        .collect();
+    let sum: f64 = tones.iter().map(|tone| tone.amplitude_rad).sum();
+    tones
+        .iter_mut()
+        .for_each(|tone| tone.amplitude_rad *= amplitude_rad / sum);
+    tones
 }

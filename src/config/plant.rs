@@ -2,7 +2,10 @@
 
 use super::check::{Check, joints};
 use super::choice::Choice;
-use super::schema::{Fastest, FaultChoice, FaultForm, FileForm, MachineKind, RealOr, SetpointKind};
+use super::schema::{
+    self, Arm, Controller, Fastest, FaultChoice, FaultForm, FileForm, MachineKind, RealOr, Sensors, ServoAxisPlant,
+    SetpointKind,
+};
 use super::sections::{PlantConfig, Speed};
 use super::setpoint;
 use crate::model::PlantDefinition;
@@ -29,96 +32,134 @@ fn schedule(section: &str, masses: &str, t_s: &[f64], mass: &[f64], check: &mut 
 }
 
 pub(super) fn plant(form: &FileForm, model: Option<&SharedModel>, check: &mut Check<'_>) -> Option<PlantConfig> {
+    let sim = simulation(form, model, check)?;
+    check_period(sim.sample_period_s, check);
+    check_faults(&sim, check);
+    check_without_faults(&sim, form.setpoint.kind, check);
+    let speed = match form.plant.speed {
+        RealOr::Word(Fastest::Max) => Speed::Max,
+        RealOr::Real(factor) => Speed::Factor(factor),
+    };
+    Some(PlantConfig { sim, speed })
+}
+
+/// The options as the sections state them; only lists and files are checked already.
+fn simulation(form: &FileForm, model: Option<&SharedModel>, check: &mut Check<'_>) -> Option<SimOptions> {
     let mass_2 = schedule("plant.mass_2", "mass_kg", &form.mass_2.t_s, &form.mass_2.mass_kg, check)?;
-    let axis = &form.servo_plant;
     let machine = match form.plant.machine {
-        MachineKind::ServoAxis => Machine::ServoAxis(ServoAxisOptions {
-            gain: axis.gain,
-            mass: MassSchedule {
-                points: schedule("plant.servo_axis", "mass", &axis.t_s, &axis.mass, check)?,
-                interpolation: Interpolation::Step,
-            },
-            viscous_friction: axis.viscous_friction,
-            coulomb_friction: axis.coulomb_friction,
-            stribeck_friction: axis.stribeck_friction,
-            stribeck_speed: axis.stribeck_speed,
-            offset: axis.offset,
-            proportional_gain: axis.proportional_gain,
-            derivative_gain: axis.derivative_gain,
-            input_limit: axis.input_limit,
-            position_resolution: axis.position_resolution,
-        }),
+        MachineKind::ServoAxis => Machine::ServoAxis(servo_axis(&form.servo_plant, check)?),
         MachineKind::Model => Machine::Plant(own_machine(form, model?.definition(), check)?),
         MachineKind::Arm => Machine::Arm,
     };
-    let setpoint = setpoint::setpoint(form, check)?;
-    let arm = &form.arm;
-    let sim = SimOptions {
+    Some(SimOptions {
         sample_period_s: form.plant.sample_period_s,
         duration_s: form.plant.duration_s,
         substeps: form.plant.substeps as usize,
         machine,
-        arm: ArmParameters {
-            length_1_m: arm.length_1_m,
-            mass_1_kg: arm.mass_1_kg,
-            length_2_m: arm.length_2_m,
-            gravity_m_s2: arm.gravity_m_s2,
-            winding_resistance_ohm: joints(&arm.winding_resistance_ohm),
-            winding_inductance_h: joints(&arm.winding_inductance_h),
-            torque_constant_n_m_per_a: joints(&arm.torque_constant_n_m_per_a),
-            back_emf_constant_v_s_per_rad: joints(&arm.back_emf_constant_v_s_per_rad),
-        },
+        arm: arm(&form.arm),
         mass_2: MassSchedule {
             points: mass_2,
             interpolation: form.mass_2.between,
         },
-        controller: ControllerOptions {
-            kind: form.controller.kind.unwrap_or_default(),
-            feedback: form.controller.feedback,
-            proportional_gain_v_per_rad: joints(&form.controller.proportional_gain_v_per_rad),
-            derivative_gain_v_s_per_rad: joints(&form.controller.derivative_gain_v_s_per_rad),
-            voltage_limit_v: form.controller.voltage_limit_v,
-        },
-        setpoint,
+        controller: controller(&form.controller),
+        setpoint: setpoint::setpoint(form, check)?,
         initial_q_rad: joints(&form.plant.initial_q_rad),
         seed: form.plant.seed,
-        sensors: SensorOptions {
-            input_noise_v: form.sensors.input_noise_v,
-            spike_probability: form.sensors.spike_probability,
-            spike_v: form.sensors.spike_v,
-            input_limit_v: form.sensors.input_limit_v,
-            input_resolution_v: form.sensors.input_resolution_v,
-            encoder_bits: form.sensors.encoder_bits as u32,
-            position_noise_rad: form.sensors.position_noise_rad,
-            position_spike_probability: form.sensors.position_spike_probability,
-            position_spike_rad: form.sensors.position_spike_rad,
-            eccentricity_rad: form.sensors.eccentricity_rad,
-            eccentricity_phase_rad: form.sensors.eccentricity_phase_rad,
-            resonance_hz: form.sensors.resonance_hz,
-            resonance_damping: form.sensors.resonance_damping,
-            input_delay_s: form.sensors.input_delay_s,
-            jitter_s: form.sensors.jitter_s,
-            stamp_jitter_s: form.sensors.stamp_jitter_s,
-            loss_probability: form.sensors.loss_probability,
-            loss_burst: form.sensors.loss_burst,
-        },
-        unmodelled: Unmodelled {
-            coulomb_friction_n_m: joints(&form.unmodelled.coulomb_friction_n_m),
-            friction_speed_rad_per_s: form.unmodelled.friction_speed_rad_per_s,
-            viscous_friction_n_m_s_per_rad: joints(&form.unmodelled.viscous_friction_n_m_s_per_rad),
-            friction_from_s: form.unmodelled.friction_from_s,
-            base_tilt_rad: form.unmodelled.base_tilt_rad,
-            heating_share: form.unmodelled.heating_share,
-            heating_s: form.unmodelled.heating_s,
-            rotor_inertia_kg_m2: joints(&form.unmodelled.rotor_inertia_kg_m2),
-        },
+        sensors: sensors(&form.sensors),
+        unmodelled: unmodelled(&form.unmodelled),
         faults: form.plant.faults.iter().map(fault).collect(),
-    };
-    let period_ns = sim.sample_period_s * 1e9;
+    })
+}
+
+fn servo_axis(axis: &ServoAxisPlant, check: &mut Check<'_>) -> Option<ServoAxisOptions> {
+    Some(ServoAxisOptions {
+        gain: axis.gain,
+        mass: MassSchedule {
+            points: schedule("plant.servo_axis", "mass", &axis.t_s, &axis.mass, check)?,
+            interpolation: Interpolation::Step,
+        },
+        viscous_friction: axis.viscous_friction,
+        coulomb_friction: axis.coulomb_friction,
+        stribeck_friction: axis.stribeck_friction,
+        stribeck_speed: axis.stribeck_speed,
+        offset: axis.offset,
+        proportional_gain: axis.proportional_gain,
+        derivative_gain: axis.derivative_gain,
+        input_limit: axis.input_limit,
+        position_resolution: axis.position_resolution,
+    })
+}
+
+fn arm(arm: &Arm) -> ArmParameters {
+    ArmParameters {
+        length_1_m: arm.length_1_m,
+        mass_1_kg: arm.mass_1_kg,
+        length_2_m: arm.length_2_m,
+        gravity_m_s2: arm.gravity_m_s2,
+        winding_resistance_ohm: joints(&arm.winding_resistance_ohm),
+        winding_inductance_h: joints(&arm.winding_inductance_h),
+        torque_constant_n_m_per_a: joints(&arm.torque_constant_n_m_per_a),
+        back_emf_constant_v_s_per_rad: joints(&arm.back_emf_constant_v_s_per_rad),
+    }
+}
+
+fn controller(controller: &Controller) -> ControllerOptions {
+    ControllerOptions {
+        kind: controller.kind.unwrap_or_default(),
+        feedback: controller.feedback,
+        proportional_gain_v_per_rad: joints(&controller.proportional_gain_v_per_rad),
+        derivative_gain_v_s_per_rad: joints(&controller.derivative_gain_v_s_per_rad),
+        voltage_limit_v: controller.voltage_limit_v,
+    }
+}
+
+fn sensors(sensors: &Sensors) -> SensorOptions {
+    SensorOptions {
+        input_noise_v: sensors.input_noise_v,
+        spike_probability: sensors.spike_probability,
+        spike_v: sensors.spike_v,
+        input_limit_v: sensors.input_limit_v,
+        input_resolution_v: sensors.input_resolution_v,
+        encoder_bits: sensors.encoder_bits as u32,
+        position_noise_rad: sensors.position_noise_rad,
+        position_spike_probability: sensors.position_spike_probability,
+        position_spike_rad: sensors.position_spike_rad,
+        eccentricity_rad: sensors.eccentricity_rad,
+        eccentricity_phase_rad: sensors.eccentricity_phase_rad,
+        resonance_hz: sensors.resonance_hz,
+        resonance_damping: sensors.resonance_damping,
+        input_delay_s: sensors.input_delay_s,
+        jitter_s: sensors.jitter_s,
+        stamp_jitter_s: sensors.stamp_jitter_s,
+        loss_probability: sensors.loss_probability,
+        loss_burst: sensors.loss_burst,
+    }
+}
+
+fn unmodelled(section: &schema::Unmodelled) -> Unmodelled {
+    Unmodelled {
+        coulomb_friction_n_m: joints(&section.coulomb_friction_n_m),
+        friction_speed_rad_per_s: section.friction_speed_rad_per_s,
+        viscous_friction_n_m_s_per_rad: joints(&section.viscous_friction_n_m_s_per_rad),
+        friction_from_s: section.friction_from_s,
+        base_tilt_rad: section.base_tilt_rad,
+        heating_share: section.heating_share,
+        heating_s: section.heating_s,
+        rotor_inertia_kg_m2: joints(&section.rotor_inertia_kg_m2),
+    }
+}
+
+/// Samples have their time in whole nanoseconds.
+fn check_period(sample_period_s: f64, check: &mut Check<'_>) {
+    let period_ns = sample_period_s * 1e9;
     if (period_ns - period_ns.round()).abs() > 1e-6 * period_ns {
         let message = format!("expected a whole number of nanoseconds, got {period_ns} ns");
         check.wrong("plant.sample_period_s", message);
     }
+}
+
+/// Checks each fault alone, because the message says which table of the file it is.
+fn check_faults(sim: &SimOptions, check: &mut Check<'_>) {
     for (index, fault) in sim.faults.iter().enumerate() {
         if let Err(error) = fault.validate(sim.joints()) {
             let name = error.field.strip_prefix("faults.").unwrap_or(error.field);
@@ -138,23 +179,22 @@ pub(super) fn plant(form: &FileForm, model: Option<&SharedModel>, check: &mut Ch
             check.warn("plant.faults", message);
         }
     }
+}
+
+/// Checks everything except faults.
+fn check_without_faults(sim: &SimOptions, setpoint_kind: SetpointKind, check: &mut Check<'_>) {
     let without_faults = SimOptions {
         faults: Vec::new(),
         ..sim.clone()
     };
     if let Err(error) = without_faults.validate() {
-        let key = sim_key(&error, form.setpoint.kind);
+        let key = sim_key(&error, setpoint_kind);
         let joint = error
             .joint
             .map(|joint| format!(" for joint {}", joint + 1))
             .unwrap_or_default();
         check.wrong(&key, format!("expected {}{joint}, got {}", error.expected, error.got));
     }
-    let speed = match form.plant.speed {
-        RealOr::Word(Fastest::Max) => Speed::Max,
-        RealOr::Real(factor) => Speed::Factor(factor),
-    };
-    Some(PlantConfig { sim, speed })
 }
 
 /// Default ratio of true values to start values, so that there is something to identify.

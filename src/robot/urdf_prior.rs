@@ -41,6 +41,7 @@ use crate::random::Random;
 use nalgebra::{DMatrix, DVector, Vector3};
 use std::f64::consts::PI;
 use std::fmt;
+use std::ops::Range;
 
 /// s.
 const DIFFERENCE: f64 = 0.3;
@@ -68,8 +69,8 @@ const ACROSS: f64 = 0.7;
 /// Lower limit of a joint's weight, relative to the largest joint's.
 const LEAST_WEIGHT: f64 = 0.01;
 /// (3) for a gravity of the wrong sign; for one in g instead of m/s², and vice versa.
-const REVERSED: std::ops::Range<f64> = -2.5..-0.4;
-const IN_G: [std::ops::Range<f64>; 2] = [5.0..20.0, 0.05..0.2];
+const REVERSED: Range<f64> = -2.5..-0.4;
+const IN_G: [Range<f64>; 2] = [5.0..20.0, 0.05..0.2];
 /// If inertias are off by the same factor as moments, to within this one, the unit is wrong.
 const SAME: f64 = 3.0;
 
@@ -116,6 +117,13 @@ pub enum Reversed {
 }
 
 impl UrdfContradiction {
+    /// All that are tested of a robot, except another magnitude of gravity.
+    fn all(robot: &Robot) -> Vec<Self> {
+        let of_joint = |joint: usize| Self::of(joint, robot.joints[joint].turns);
+        let of_joints = (0..robot.len()).flat_map(of_joint);
+        of_joints.chain(Self::instead_of(robot.gravity)).collect()
+    }
+
     /// Possible contradictions at a joint.
     fn of(joint: usize, turns: bool) -> impl Iterator<Item = Self> {
         let zeros = TURNS.map(move |degrees| Self::Zero { joint, degrees });
@@ -246,6 +254,85 @@ impl GravityMoments {
         let means = own.row_iter().map(|row| row.norm() / (STATES as f64).sqrt()).collect();
         Self { g, weights, means }
     }
+
+    /// Weights the rows by W; returns the factor of each joint.
+    fn weight_rows(&mut self) -> Vec<f64> {
+        let heaviest = self.means.iter().copied().fold(0.0, f64::max);
+        let factor = |mean: &f64| 1.0 / mean.max(LEAST_WEIGHT * heaviest).max(f64::MIN_POSITIVE);
+        let factors: Vec<f64> = self.means.iter().map(factor).collect();
+        for row in 0..self.g.nrows() {
+            self.g.row_mut(row).scale_mut(factors[row % factors.len()]);
+            self.weights.row_mut(row).scale_mut(factors[row % factors.len()]);
+        }
+        factors
+    }
+}
+
+/// Indices of the parameters that lead with one of these parameters of a body, as (index, (joint,
+/// parameter of its body)).
+fn parameters_of_bodies(model: &RobotModel, wanted: Range<usize>) -> Vec<(usize, (usize, usize))> {
+    let leading = model.base().parameters.iter().map(|parameter| parameter.leading);
+    let of_bodies = leading
+        .enumerate()
+        .filter_map(|(i, leading)| leading.in_body().map(|at| (i, at)));
+    of_bodies
+        .filter(|(_, (_, parameter))| wanted.contains(parameter))
+        .collect()
+}
+
+/// The constant force of a prismatic joint, which hides the effect of gravity on it.
+struct ConstantForce {
+    joint: usize,
+    /// Its index among the parameters.
+    index: usize,
+    variance: f64,
+}
+
+/// The constant forces of a model; `means` are the root mean squares of its joints' moments.
+fn constant_forces<'a>(model: &'a RobotModel, means: &'a [f64]) -> impl Iterator<Item = ConstantForce> + 'a {
+    let robot = model.robot();
+    let slides = (0..robot.len()).filter(|joint| !robot.joints[*joint].turns);
+    slides.flat_map(move |joint| {
+        let weight = carried(robot, joint) * robot.gravity.norm();
+        let variance = (DIFFERENCE * means[joint].max(weight / 3.0)).powi(2);
+        let terms = model.friction()[joint].terms.iter().zip(model.friction_of(joint));
+        terms
+            .filter(|(term, _)| **term == FrictionTerm::Offset)
+            .map(move |(_, index)| ConstantForce { joint, index, variance })
+    })
+}
+
+/// β of (4), (5) and (6) for each cause that moments can imitate. `weights` has one column per
+/// cause, and `g` one per moment and constant force, with the values β₀ in `nominal` and the
+/// covariance D in `spread`.
+fn imitations(
+    causes: Vec<UrdfContradiction>,
+    weights: &DMatrix<f64>,
+    g: &DMatrix<f64>,
+    nominal: &[f64],
+    spread: &[f64],
+) -> Vec<(UrdfContradiction, Vec<f64>)> {
+    let (k, start) = (nominal.len(), DVector::from_column_slice(nominal));
+    // of parameters that gravity cannot distinguish, those that the URDF knows best stay
+    let Some(sure) = DMatrix::from_row_slice(k, k, spread).cholesky().map(|d| d.inverse()) else {
+        return Vec::new();
+    };
+    let size = g.norm_squared() / k.max(1) as f64;
+    let sure = &sure * (SEEN * size / sure.norm().max(f64::MIN_POSITIVE));
+    let Some(factor) = (g.tr_mul(g) + sure).cholesky() else {
+        return Vec::new();
+    };
+    let mut imitated = Vec::new();
+    for (column, cause) in causes.into_iter().enumerate() {
+        let wanted = weights.column(column) - g * &start;
+        let beta = &start + factor.solve(&g.tr_mul(&wanted)); // (4), (5), (6)
+        let left = (weights.column(column) - g * &beta).norm() / weights.column(column).norm();
+        // a direction that moments cannot imitate causes a misfit instead
+        if left < IMITATED || !matches!(cause, UrdfContradiction::Direction { .. }) {
+            imitated.push((cause, beta.as_slice().to_vec()));
+        }
+    }
+    imitated
 }
 
 /// β₀, D and β_jα, and the workspace of the test.
@@ -273,76 +360,38 @@ impl UrdfPrior {
     /// The prior of a model's URDF.
     pub fn new(model: &RobotModel) -> Self {
         let robot = model.robot();
-        let n = robot.len();
-        let base = model.base();
-        let of = |wanted: std::ops::Range<usize>| {
-            let leading = base.parameters.iter().map(|parameter| parameter.leading);
-            let own = leading
-                .enumerate()
-                .filter_map(|(i, leading)| leading.in_body().map(|at| (i, at)));
-            own.filter(move |(_, (_, parameter))| wanted.contains(parameter))
-                .collect::<Vec<_>>()
-        };
-        let moments = of(0..4);
-        let causes: Vec<_> = (0..n)
-            .flat_map(|joint| UrdfContradiction::of(joint, robot.joints[joint].turns))
-            .chain(UrdfContradiction::instead_of(robot.gravity))
-            .collect();
-        let GravityMoments {
-            mut g,
-            mut weights,
-            means,
-        } = GravityMoments::new(robot, &moments, &causes);
-        // W
-        let heaviest = means.iter().copied().fold(0.0, f64::max);
-        let factor = |mean: &f64| 1.0 / mean.max(LEAST_WEIGHT * heaviest).max(f64::MIN_POSITIVE);
-        let factors: Vec<f64> = means.iter().map(factor).collect();
-        for row in 0..STATES * n {
-            g.row_mut(row).scale_mut(factors[row % n]);
-            weights.row_mut(row).scale_mut(factors[row % n]);
-        }
-        let largest = g.column_iter().map(|column| column.norm()).fold(0.0, f64::max);
+        let moments = parameters_of_bodies(model, 0..4);
+        let causes = UrdfContradiction::all(robot);
+        let mut gravity = GravityMoments::new(robot, &moments, &causes);
+        let factors = gravity.weight_rows();
+        let norms = gravity.g.column_iter().map(|column| column.norm());
+        let largest = norms.fold(0.0, f64::max);
+        let has_weight = largest > 0.0;
         let seen: Vec<usize> = (0..moments.len())
-            .filter(|column| g.column(*column).norm() > SEEN * largest.max(f64::MIN_POSITIVE))
+            .filter(|column| gravity.g.column(*column).norm() > SEEN * largest.max(f64::MIN_POSITIVE))
             .collect();
         let mut indices: Vec<usize> = seen.iter().map(|column| moments[*column].0).collect();
-        let mut g = g.select_columns(&seen);
         let mut nominal: Vec<f64> = indices.iter().map(|i| model.parameters()[*i].nominal).collect();
-        let (seen, mut constant) = (indices.len(), Vec::new());
-        for joint in (0..n).filter(|joint| !robot.joints[*joint].turns && largest > 0.0) {
-            let terms = model.friction()[joint].terms.iter().zip(model.friction_of(joint));
-            for (_, index) in terms.filter(|(term, _)| **term == FrictionTerm::Offset) {
-                let weight = carried(robot, joint) * robot.gravity.norm();
-                constant.push((DIFFERENCE * means[joint].max(weight / 3.0)).powi(2));
-                indices.push(index);
-                nominal.push(0.0);
-                let column = g.ncols();
-                g = g.insert_column(column, 0.0);
-                (0..STATES).for_each(|state| g[(state * n + joint, column)] = factors[joint]);
-            }
+        let mut g = gravity.g.select_columns(&seen);
+        let mut variances = Vec::new();
+        for force in constant_forces(model, &gravity.means).filter(|_| has_weight) {
+            indices.push(force.index);
+            nominal.push(0.0);
+            variances.push(force.variance);
+            let (column, joint) = (g.ncols(), force.joint);
+            g = g.insert_column(column, 0.0);
+            (0..STATES).for_each(|state| g[(state * robot.len() + joint, column)] = factors[joint]);
         }
-        let (k, start) = (indices.len(), DVector::from_column_slice(&nominal));
-        let spread = spread(model, &indices[..seen], &constant);
-        // of parameters that gravity cannot distinguish, those that the URDF knows best stay
-        let sure = DMatrix::from_row_slice(k, k, &spread).cholesky().map(|d| d.inverse());
-        let size = g.norm_squared() / k.max(1) as f64;
-        let sure = sure.map(|sure| &sure * (SEEN * size / sure.norm().max(f64::MIN_POSITIVE)));
-        let gram = sure.map(|sure| g.tr_mul(&g) + sure);
-        let mut imitated = Vec::new();
-        if let Some(factor) = gram.and_then(|gram| gram.cholesky()).filter(|_| largest > 0.0) {
-            for (column, cause) in causes.into_iter().enumerate() {
-                let wanted = weights.column(column) - &g * &start;
-                let beta = &start + factor.solve(&g.tr_mul(&wanted)); // (4), (5), (6)
-                let left = (weights.column(column) - &g * &beta).norm() / weights.column(column).norm();
-                // a direction that moments cannot imitate causes a misfit instead
-                if left < IMITATED || !matches!(cause, UrdfContradiction::Direction { .. }) {
-                    imitated.push((cause, beta.as_slice().to_vec()));
-                }
-            }
-        }
+        let spread = spread(model, &indices[..seen.len()], &variances);
+        let imitated = match has_weight {
+            true => imitations(causes, &gravity.weights, &g, &nominal, &spread),
+            false => Vec::new(),
+        };
+        let inertias = parameters_of_bodies(model, 4..BODY_PARAMETERS);
+        let k = indices.len();
         Self {
             spread,
-            inertias: of(4..BODY_PARAMETERS).into_iter().map(|(i, _)| i).collect(),
+            inertias: inertias.into_iter().map(|(i, _)| i).collect(),
             nominal,
             causes: imitated,
             factor: Cholesky::new(k),

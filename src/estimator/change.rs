@@ -394,11 +394,11 @@ enum Segment {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Boundary {
     /// The row whose first instant is the cut.
-    pub row: usize,
+    row: usize,
     /// Rows before this one end before the cut.
-    pub before: usize,
+    before: usize,
     /// Rows from this one on start at the cut or after it.
-    pub after: usize,
+    after: usize,
 }
 
 impl Boundary {

@@ -27,7 +27,7 @@ pub struct EquationState {
     pub divisor: f64,
     pub floor: f64,
     /// Exponentially weighted sum of squares of the residuals, and its degrees of freedom.
-    pub spread: f64,
+    spread: f64,
     pub freedom: f64,
     /// Noise variance of the divided rows: learnt, and never below the floor.
     pub variance: f64,

@@ -34,7 +34,7 @@ pub struct Excitation {
     pub rank: usize,
     /// Number of strongly excited directions, which come first: the block replaces what was known
     /// of them.
-    pub strong: usize,
+    strong: usize,
     directions: Vec<f64>,
     shares: Vec<f64>,
 }

@@ -20,11 +20,11 @@ const SLIP_STD: [f64; 1] = [0.05];
 pub(super) struct Before {
     pub known: Information,
     pub theta: Vec<f64>,
-    pub effective: Vec<f64>,
+    effective: Vec<f64>,
     pub fixed: Vec<bool>,
     pub was_loaded: bool,
     /// σ_j f_j.
-    pub level: Vec<f64>,
+    level: Vec<f64>,
 }
 
 impl Before {

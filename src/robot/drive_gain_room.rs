@@ -55,7 +55,7 @@ pub(super) struct DriveGains {
     pub sums: Vec<JointSums>,
     /// Number of rows in them, faded.
     pub rows: Vec<f64>,
-    pub drift: OffsetDrift,
+    drift: OffsetDrift,
     /// The sums without slopes of the offsets; those of the suspected joint are of τ/s.
     reduced: Vec<JointSums>,
     /// W.
@@ -71,7 +71,7 @@ pub(super) struct DriveGains {
     pub misfits: [f64; MAX_JOINTS],
     /// v and d.
     cross: Vec<f64>,
-    pub step: Vec<f64>,
+    step: Vec<f64>,
     /// s_i θ̂ and e of the other joints, then of the suspected one, with slopes.
     pub effective: [Vec<f64>; 2],
     pub along: [Vec<f64>; 2],

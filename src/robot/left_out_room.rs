@@ -59,7 +59,7 @@ pub(super) struct LeftOut {
     pub found: Option<LeftOutCause>,
     /// v_c by rows, then v_c ĉ of those allowed for by (6).
     pub shifts: Vec<f64>,
-    pub believed: usize,
+    believed: usize,
     /// v_c times the standard deviation of c, for considered errors.
     considered: Vec<f64>,
     /// Standard deviation of zeros and tilts \[rad\].

@@ -40,15 +40,15 @@ const ROUNDING: f64 = 1e-12;
 /// The offset of a joint.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct DriftTerm {
-    pub joint: usize,
+    joint: usize,
     /// Its column in the rows of the joint; the last column is that of t.
-    pub column: usize,
+    column: usize,
     /// Its index in θ.
-    pub parameter: usize,
+    parameter: usize,
     /// Index of a among the effective parameters, after all of θ.
-    pub index: usize,
+    index: usize,
     /// s.
-    pub scale: f64,
+    scale: f64,
 }
 
 impl DriftTerm {

@@ -102,7 +102,8 @@ impl GroupState {
         !self.confirmation.is_settled() && self.probability_of_the_block(theta, Some(rows), Known::Confirmed) >= JOINS
     }
 
-    /// The same; with the `rows`, correlated residuals count as more noise.
+    /// The probability, compared with what is `known`; with the `rows`, correlated residuals count
+    /// as more noise.
     fn probability_of_the_block(&mut self, theta: &[f64], rows: Option<&dyn Summable>, known: Known) -> f64 {
         let freedom = self.equations.freedom();
         if self.tally.is_empty() || freedom < 1.0 {

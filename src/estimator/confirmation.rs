@@ -18,6 +18,10 @@
 //! * C_ii + e_i² ≤ 3 P_ii: the rows since the change determine it nearly as well as P claims, or
 //! * 3 √(C_ii + e_i²) < 0.5 % of it: a change too small for these rows to show is negligible.
 //!
+//! Both apply to a parameter, not a direction: a combination that the rows leave open leaves all
+//! its members open, because C is inverted as a whole. e accounts for rows that contradict θ̂
+//! slightly, but in no block enough to raise an alarm.
+//!
 //! P is that of the recursion here. The covariance to be published may be wider for a time, with
 //! considered errors or an open inquiry. As long as 3 of its P_ii exceed C_ii + e_i², it covers the
 //! parameter, which then needs no M. It may become narrow again without a further row, however, so
@@ -26,10 +30,6 @@
 //! If a line was fitted to the block, its end is the estimate. The variance of the end of a line
 //! through evenly spread rows is four times that of their mean, so the rows count a quarter, and e
 //! is unknown.
-//!
-//! Both apply to a parameter, not a direction: a combination that the rows leave open leaves all
-//! its members open, because C is inverted as a whole. e accounts for rows that contradict θ̂
-//! slightly, but in no block enough to raise an alarm.
 //!
 //! The same sums show whether the data have ever informed on more than half of the directions of
 //! the free parameters: a machine that has not moved shows one or two. Requiring all of them would
@@ -151,8 +151,8 @@ impl Confirmation {
         }
     }
 
-    /// The same for a block that a line was fitted to. Only this block informs on a parameter that
-    /// moves, so nothing else counts any more.
+    /// Adds the information of a block that was fitted with a line. Call [`restart`](Self::restart)
+    /// before, because earlier blocks say nothing about a parameter that moves.
     pub fn take_line(&mut self, equations: &Equations) {
         self.add_information(equations, LINE_END);
     }

@@ -50,7 +50,7 @@ pub struct Change {
     pub row: usize,
     /// First instant of that row, in the unit of [`span`](super::Residuals::span).
     pub time: u64,
-    /// The last change, which a joint shows only now, because it rested until then.
+    /// True if this is the last change again: a joint shows it only now, because it rested.
     pub is_late: bool,
 }
 

@@ -34,7 +34,8 @@ impl fmt::Display for Echo {
 
 impl Echo {
     /// The signal that the torques of all these joints repeat; steps longer than `max_gap_s` are
-    /// gaps. A single joint may be a spring or a mass without friction; none is a mere damper.
+    /// gaps. A single joint may be a spring, or a mass without friction, but none is a mere
+    /// damper.
     pub(super) fn of(log: &[RobotSample], moving: &[usize], max_gap_s: f64) -> Option<Self> {
         let least = |echo: Self| if echo == Self::Velocity { 1 } else { 2 };
         [Self::Position, Self::Velocity, Self::Acceleration]

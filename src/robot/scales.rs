@@ -5,6 +5,7 @@ use super::friction::FrictionTerm;
 use super::spatial::BodyParameters;
 use super::tree::Robot;
 
+/// Acceleration of free fall, for sizes \[m/s²\].
 const G: f64 = 9.81;
 
 /// Scales of a robot's parameters: mass and reach of the bodies that each joint carries, and the
@@ -70,8 +71,7 @@ impl Scales {
     pub fn friction(&self, joint: usize, term: FrictionTerm) -> f64 {
         match term {
             FrictionTerm::Load => 1.0,
-            _ if self.effort[joint] > 0.0 => self.weight(joint).max(self.effort[joint]),
-            _ => self.drive(joint),
+            _ => self.weight(joint).max(self.drive(joint)),
         }
     }
 

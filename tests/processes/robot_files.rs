@@ -252,7 +252,7 @@ fn e2e_keys_are_overridden_in_the_tools_for_motions() {
     assert!(error.contains("--set drive.gain=[1.0]"), "{error}");
 }
 
-/// What is not a log is told apart from a log that is too short.
+/// A file without numbers is reported as no log, not as a log that is too short.
 #[test]
 fn fault_a_file_without_numbers_is_no_log() {
     let site = Site::new();

@@ -9,8 +9,10 @@
 //! the input without a model of the machine, if inertia is visible: if friction or noise dominates,
 //! r is near 0 and inconclusive. Positions are averaged over neighbouring samples before they are
 //! differenced. Noise in q̈ reduces r but does not change its sign, so of several averaging lengths
-//! the one with the largest |r| is used.
+//! the one with the largest |r| is used. The same averages tell whether the input is one at all,
+//! see [`InputEcho`].
 
+use super::echo::{EchoSums, InputEcho};
 use crate::messages::Sample;
 use crate::model::MAX_JOINTS;
 use nalgebra::{DMatrix, DVector};
@@ -48,7 +50,8 @@ impl InputSign {
         }
         self.next_seq = sample.seq.checked_add(1);
         for scale in &mut self.scales {
-            scale.take(&sample.q[..self.joints], &sample.input[..self.joints]);
+            let t_s = sample.t_ns as f64 * 1e-9;
+            scale.take(t_s, &sample.q[..self.joints], &sample.input[..self.joints]);
         }
     }
 
@@ -57,6 +60,13 @@ impl InputSign {
         let of = |scale: &Scale| scale.correlation(joint);
         let all = self.scales.iter().filter_map(of);
         all.max_by(|a, b| a.abs().total_cmp(&b.abs()))
+    }
+
+    /// What a joint's input, whose unit is `input_unit` \[SI units\], repeats.
+    pub fn echo(&self, joint: usize, input_unit: f64) -> Option<InputEcho> {
+        let enough = self.scales.iter().filter(|scale| scale.count >= ENOUGH);
+        let mut sums = enough.filter_map(|scale| scale.echo.get(joint));
+        sums.find_map(|sums| sums.of(input_unit))
     }
 }
 
@@ -69,11 +79,13 @@ struct Scale {
     means: [Mean; 3],
     complete: usize,
     moments: Vec<DMatrix<f64>>,
+    echo: Vec<EchoSums>,
     count: u64,
 }
 
 #[derive(Clone, Copy, Default)]
 struct Mean {
+    t_s: f64,
     q: [f64; MAX_JOINTS],
     u: [f64; MAX_JOINTS],
 }
@@ -89,6 +101,7 @@ impl Scale {
             means: Default::default(),
             complete: 0,
             moments: vec![DMatrix::zeros(size, size); joints],
+            echo: vec![EchoSums::default(); joints],
             count: 0,
         }
     }
@@ -97,7 +110,8 @@ impl Scale {
         (self.filled, self.complete, self.sum) = (0, 0, Mean::default());
     }
 
-    fn take(&mut self, q: &[f64], u: &[f64]) {
+    fn take(&mut self, t_s: f64, q: &[f64], u: &[f64]) {
+        self.sum.t_s += t_s / self.length as f64;
         for (sum, value) in self.sum.q.iter_mut().zip(q).chain(self.sum.u.iter_mut().zip(u)) {
             *sum += value / self.length as f64;
         }
@@ -120,7 +134,10 @@ impl Scale {
         let mut row = DVector::zeros(1 + joints + OWN);
         for joint in 0..joints {
             let dq = c.q[joint] - a.q[joint];
-            row[0] = 0.25 * a.u[joint] + 0.5 * b.u[joint] + 0.25 * c.u[joint];
+            let middle =
+                |of: fn(&Mean) -> &[f64; MAX_JOINTS]| 0.25 * of(a)[joint] + 0.5 * of(b)[joint] + 0.25 * of(c)[joint];
+            row[0] = middle(|mean| &mean.u);
+            self.echo[joint].add([middle(|mean| &mean.q), dq / (c.t_s - a.t_s)], row[0]);
             row[1] = ddq(joint);
             for (at, other) in (0..joints).filter(|k| *k != joint).enumerate() {
                 row[2 + at] = ddq(other);

@@ -4,6 +4,7 @@
 //! correct it, and the user decides. Hardly any real machine exceeds the limits, but the mistakes
 //! nearly always do: joints that turn three times, axes longer than ten metres.
 
+use super::echo::InputEcho;
 use super::profile::{ColumnProfile, LogProfile, Signal, short};
 use crate::config::PositionUnit;
 use std::fmt;
@@ -22,6 +23,9 @@ const SURE_CORRELATION: f64 = 0.5;
 /// Spread of the steps, relative to the period, that exceeds rounding and scheduling of time
 /// stamps.
 const LARGEST_SPREAD: f64 = 0.1;
+/// Drives seldom have more volts or amperes: low voltage ends at 1500 V (IEC 60038). A command of
+/// 10 V in millivolts exceeds it.
+const LARGEST_OF_A_DRIVE: f64 = 1500.0;
 /// Steps between rows of this share of a turn are wraps, not motion.
 const WRAP: std::ops::Range<f64> = 0.9..1.1;
 
@@ -93,6 +97,22 @@ pub enum Suspicion {
         column: String,
         /// Partial correlation of input and acceleration.
         correlation: f64,
+    },
+    /// The input is another signal.
+    InputEcho {
+        /// The column.
+        column: String,
+        /// The signal.
+        of: InputEcho,
+    },
+    /// An input of a thousand times what a drive has.
+    Milli {
+        /// The column.
+        column: String,
+        /// Its value that is farthest from 0 \[V or A\].
+        largest: f64,
+        /// Unit of the input.
+        unit: String,
     },
     /// Rows are unevenly spaced.
     Uneven {
@@ -187,6 +207,15 @@ impl fmt::Display for Suspicion {
                 f,
                 "column \"{column}\" drives the machine backwards (its correlation with the acceleration is {correlation:.2}): if its sign is that of another convention, set log.input_unit to its negative"
             ),
+            Self::InputEcho { column, of } => write!(
+                f,
+                "column \"{column}\" is read as input, but repeats the {of} of its joint: log.input must name the voltage, current, force or torque of the drive"
+            ),
+            Self::Milli { column, largest, unit } => write!(
+                f,
+                "column \"{column}\" reaches {} {unit}, more than a drive has: if it is in m{unit}, set log.input_unit = 0.001",
+                short(*largest)
+            ),
             Self::Uneven { mean_s, std_s } => write!(
                 f,
                 "rows are {mean_s:.6} s apart with a standard deviation of {std_s:.6} s: if the machine was sampled evenly and only the time stamps are uneven, leave log.time out"
@@ -271,6 +300,33 @@ pub fn judge_profile(
     }
     found.extend(profile.restart_line.map(|line| Suspicion::Restarts { line }));
     found
+}
+
+/// Inputs, in this unit, that are another signal or have another unit, by what each joint's
+/// repeats; only the units of drives are judged, because the input of a model may be a velocity.
+pub fn judge_inputs(profile: &LogProfile, unit: &str, echoes: &[Option<InputEcho>]) -> Vec<Suspicion> {
+    let judge = |column: &ColumnProfile| {
+        let Signal::Input(joint) = column.signal else {
+            return None;
+        };
+        let name = column.name.clone();
+        let largest = if -column.min > column.max {
+            column.min
+        } else {
+            column.max
+        };
+        let echo = echoes.get(joint).copied().flatten();
+        match unit {
+            "V" | "A" | "N" | "N m" if echo.is_some() => echo.map(|of| Suspicion::InputEcho { column: name, of }),
+            "V" | "A" if largest.abs() > LARGEST_OF_A_DRIVE && column.count > 1 => Some(Suspicion::Milli {
+                column: name,
+                largest,
+                unit: unit.to_owned(),
+            }),
+            _ => None,
+        }
+    };
+    profile.columns.iter().filter_map(judge).collect()
 }
 
 fn judge_position(column: &ColumnProfile, joint: usize, configured: &Configured<'_>) -> Option<Suspicion> {

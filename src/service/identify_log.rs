@@ -7,7 +7,7 @@ use super::wiring::monitor_node;
 use super::{Exit, Failure, IdentifyArgs};
 use crate::config::Config;
 use crate::messages::Sample;
-use crate::offline::{Configured, LineError, LogError, LogReader, judge_bounds, judge_profile};
+use crate::offline::{Configured, LineError, LogError, LogReader, judge_bounds, judge_inputs, judge_profile};
 use crate::recording::{Loss, RunInfo, SamplesCsvReader, is_samples_csv, separators_of_a_spreadsheet};
 use crate::runner::Shutdown;
 use std::fs::File;
@@ -136,8 +136,10 @@ fn tell(input: &Path, config: &Config, log: &LogReader<BufReader<File>>, line: &
     let bounds = known.filter(|((_, prior), _)| !prior.fixed);
     let bounds = bounds.map(|((p, prior), estimate)| (&*p.name, prior.start, [prior.lower, prior.upper], estimate));
     let found = judge_profile(log.profile(), &configured, &log.input_correlations());
+    let inputs = judge_inputs(log.profile(), &definition.input_unit, &log.input_echoes());
     for suspicion in found
         .into_iter()
+        .chain(inputs)
         .chain(judge_bounds(bounds))
         .chain(log.likely().cloned())
     {

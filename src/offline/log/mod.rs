@@ -28,6 +28,7 @@ mod tests;
 
 use self::grid::{Grid, Refusal};
 use self::row::{Row, RowReader};
+use super::echo::InputEcho;
 use super::lines::Lines;
 use super::log_counts::{LOOK, LogCounts};
 use super::log_error::LogError;
@@ -58,6 +59,8 @@ pub struct LogReader<R> {
     counts: LogCounts,
     profile: LogProfile,
     sign: InputSign,
+    /// Unit of the input columns \[SI units\].
+    input_unit: f64,
     /// The likely mistake in the first field that is not a number.
     likely: Option<Suspicion>,
     /// Time and number of refused rows that are in order among themselves, and the line of the
@@ -90,6 +93,7 @@ impl<R: Read> LogReader<R> {
             profile: LogProfile::new(reader.read()),
             reader,
             sign: InputSign::new(joints),
+            input_unit: columns.input_unit,
             likely: None,
             run: None,
             ended: false,
@@ -114,6 +118,13 @@ impl<R: Read> LogReader<R> {
     pub fn input_correlations(&self) -> Vec<Option<f64>> {
         (0..self.reader.joints())
             .map(|joint| self.sign.correlation(joint))
+            .collect()
+    }
+
+    /// What each joint's input repeats, see [`InputEcho`].
+    pub fn input_echoes(&self) -> Vec<Option<InputEcho>> {
+        (0..self.reader.joints())
+            .map(|joint| self.sign.echo(joint, self.input_unit))
             .collect()
     }
 

@@ -223,3 +223,34 @@ fn regress_an_estimate_at_its_bound_is_named() {
         found[0]
     );
 }
+
+#[test]
+fn regress_an_input_that_is_another_signal_or_in_milli_units_is_named() {
+    let echo = Some(InputEcho::Velocity);
+    for (range, unit, echo, words) in [
+        ([-10.1, 10.127], "V", None, ""),
+        ([-1200.0, 800.0], "V", None, ""),
+        (
+            [-10_100.0, 127.0],
+            "V",
+            None,
+            "reaches -10100 V, more than a drive has: if it is in mV, set log.input_unit = 0.001",
+        ),
+        ([-1.0, 4000.0], "A", None, "reaches 4000 A"),
+        ([-9e5, 9e5], "N", None, ""),
+        (
+            [-1.0, 1.0],
+            "N m",
+            echo,
+            "\"x\" is read as input, but repeats the velocity of its joint: log.input must",
+        ),
+        ([-5e3, 5e3], "V", echo, "repeats the velocity"),
+        ([-1.0, 1.0], "m/s", echo, ""),
+    ] {
+        let profile = profile(Signal::Input(0), range[0], range[1], 0.1);
+        let found = judge_inputs(&profile, unit, &[echo]);
+        let told = found.first().map(ToString::to_string).unwrap_or_default();
+        assert!(found.len() < 2 && told.contains(words), "{range:?} {unit}: {told}");
+        assert_eq!(told.is_empty(), words.is_empty(), "{range:?} {unit}: {told}");
+    }
+}

@@ -12,6 +12,9 @@ use super::unmodelled::Unmodelled;
 use crate::messages::signals;
 use crate::model::{MANIPULATOR_PARAMS, Manipulator, Plant, SAMPLE_PERIODS_S};
 
+/// Longest run \[sample periods\].
+const MOST_PERIODS: f64 = 1e9;
+
 /// Which machine is simulated.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub enum Machine {
@@ -297,12 +300,11 @@ impl SimOptions {
             SAMPLE_PERIODS_S.1,
         )?;
         positive("duration_s", self.duration_s)?;
-        in_range(
-            "duration_s",
-            self.duration_s,
-            self.sample_period_s,
-            1e9 * self.sample_period_s,
-        )?;
+        let (shortest, longest) = (self.sample_period_s, MOST_PERIODS * self.sample_period_s);
+        if !(self.duration_s >= shortest && self.duration_s <= longest) {
+            let expected = format!("1 to {MOST_PERIODS:e} sample periods, {shortest} to {longest:.0} s");
+            return Err(SimError::new("duration_s", expected, self.duration_s));
+        }
         if !(1..=1000).contains(&self.substeps) {
             return Err(SimError::new("substeps", "1 to 1000", self.substeps));
         }

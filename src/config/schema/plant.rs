@@ -30,8 +30,8 @@ choices! {
 table! {
     /// Section `[plant]`.
     Plant where sim = SimOptions::cedro2022(); {
-        duration_s: f64 = sim.duration_s, Kind::Real(Interval::above(0.0, LONGEST_S)), "s",
-            "Length of the run in simulated time";
+        duration_s: f64 = sim.duration_s, Kind::Real(POSITIVE), "s",
+            "Length of the run in simulated time, 1 to 1e9 sample periods";
         machine: MachineKind = MachineKind::Arm, choice::<MachineKind>(), "",
             "arm: two joints, sections plant.arm, plant.mass_2, plant.controller. servo_axis: one joint, section plant.servo_axis; the first joint's values of lists count, in m for a linear axis. model: the equations of the model itself, section plant.model; what a program with a model of its own simulates by default";
         speed: RealOr<Fastest> = RealOr::Word(Fastest::Max), real_or::<Fastest>(Interval::closed(1e-3, 1e3)), "",

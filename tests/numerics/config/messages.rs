@@ -105,6 +105,14 @@ const WRONG: &[(&str, &[&str])] = &[
     ("[plant]\nspeed = \"fast\"", &["\"max\" or a number", "\"fast\""]),
     ("[plant]\nspeed = 0", &["plant.speed", "got 0"]),
     (
+        "[plant]\nduration_s = 1e10",
+        &["plant.duration_s: expected 1 to 1e9 sample periods, 0.001 to 1000000 s, got 10000000000"],
+    ),
+    (
+        "[plant]\nduration_s = 1e-4",
+        &["plant.duration_s: expected 1 to 1e9 sample periods, 0.001 to 1000000 s, got 0.0001"],
+    ),
+    (
         "[plant]\ninitial_q_rad = [0]",
         &["a list of 2 numbers", "one per joint", "a list of 1"],
     ),

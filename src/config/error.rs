@@ -17,6 +17,8 @@ pub enum Origin {
     },
     /// In a `--set` argument, quoted as given.
     Argument(String),
+    /// In an option of the command line that stands for a key: `--speed fast`.
+    Option(String),
 }
 
 impl Origin {
@@ -36,6 +38,7 @@ impl fmt::Display for Origin {
             Self::File { name, line: 0 } => write!(f, "{name}"),
             Self::File { name, line } => write!(f, "{name}:{line}"),
             Self::Argument(text) => write!(f, "--set {text}"),
+            Self::Option(text) => f.write_str(text),
         }
     }
 }

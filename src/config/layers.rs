@@ -209,25 +209,27 @@ impl Layers {
     pub fn arguments(&mut self, arguments: &[String]) {
         self.layer += 1;
         for argument in arguments {
-            if let Err(problem) = self.argument(argument) {
-                self.problems.push(problem);
-            }
+            let taken = self.argument(argument, Origin::Argument(cut(argument, 2 * MAX_KEY)));
+            self.problems.extend(taken.err());
         }
     }
 
-    fn argument(&mut self, argument: &str) -> Result<(), Problem> {
-        let origin = Origin::Argument(cut(argument, 2 * MAX_KEY));
+    /// The same for options that stand for a key; each has the option as typed before it.
+    pub fn options(&mut self, options: &[(String, String)]) {
+        self.layer += 1;
+        for (typed, argument) in options {
+            let taken = self.argument(argument, Origin::Option(cut(typed, 2 * MAX_KEY)));
+            self.problems.extend(taken.err());
+        }
+    }
+
+    fn argument(&mut self, argument: &str, origin: Origin) -> Result<(), Problem> {
+        let expected = "section.key=value, for example estimator.block_len=950";
         let Some((path, text)) = argument.split_once('=') else {
-            return Err(Problem::expected(
-                origin,
-                "",
-                "section.key=value, for example estimator.block_len=950",
-                "no \"=\"",
-            ));
+            return Err(Problem::expected(origin, "", expected, "no \"=\""));
         };
         let (path, text) = (path.trim(), text.trim());
         if path.is_empty() {
-            let expected = "section.key=value, for example estimator.block_len=950";
             return Err(Problem::expected(origin, "", expected, "no key before \"=\""));
         }
         let Some(key) = self.schema.key(path) else {

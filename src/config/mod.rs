@@ -87,9 +87,21 @@ impl Config {
     /// # Errors
     /// All errors in any of them, and of the models.
     pub fn load_for(catalog: &Catalog, sources: &[Source], arguments: &[String]) -> Result<Self, ConfigError> {
+        Self::load_with(catalog, sources, arguments, &[])
+    }
+
+    /// The same with options of a command line on top, each with the option as typed and
+    /// `section.key=value`.
+    pub(crate) fn load_with(
+        catalog: &Catalog,
+        sources: &[Source],
+        arguments: &[String],
+        options: &[(String, String)],
+    ) -> Result<Self, ConfigError> {
         let mut layers = Layers::of(&schema::ORDINARY);
         sources.iter().for_each(|source| layers.source(source));
         layers.arguments(arguments);
+        layers.options(options);
         let mut problems = std::mem::take(&mut layers.problems);
         // Continue checking the valid part, so that one run of a program reports everything.
         let config = resolve(&layers).and_then(|form| build::config(form, catalog, &layers));

@@ -25,8 +25,12 @@ impl Check<'_> {
             );
             self.warn(self.culprit(&["plant.duration_s", "estimator.block_len"]), message);
         }
-        // A user who shortens a run on the command line knows what is cut off.
-        let shortened = matches!(self.layers.origin("plant.duration_s"), Origin::Argument(_));
+        // Whoever shortens a run by an argument knows what is cut off, and a recording is over.
+        let shortened = self.recorded("plant.duration_s")
+            || matches!(
+                self.layers.origin("plant.duration_s"),
+                Origin::Argument(_) | Origin::Option(_)
+            );
         if let Some(late) = sim
             .mass_2
             .points

@@ -227,14 +227,29 @@ impl CommonArgs {
             ("bus.robot", quoted(self.robot.as_ref())),
             ("bus.domain", quoted(self.domain.as_ref())),
         ];
-        let own = names
-            .iter()
-            .chain(own)
-            .filter_map(|(key, value)| value.as_ref().map(|value| format!("{key}={value}")));
+        let own = names.iter().chain(own).filter_map(|(key, value)| {
+            let value = value.as_ref()?;
+            let typed = format!("{} {}", option_of(key), value.trim_matches('"'));
+            Some((typed, format!("{key}={value}")))
+        });
+        let options: Vec<(String, String)> = own.collect();
         // A robot's own keys have been laid over its file.
         let set = self.set.iter().filter(|one| !(has_robot && is_robot_override(one)));
-        let arguments: Vec<String> = set.cloned().chain(own).collect();
-        Ok((Config::load_for(&catalog, &all, &arguments)?, counted_with_s))
+        let arguments: Vec<String> = set.cloned().collect();
+        Ok((Config::load_with(&catalog, &all, &arguments, &options)?, counted_with_s))
+    }
+}
+
+/// The option that stands for a key, for messages.
+fn option_of(key: &str) -> &str {
+    match key {
+        "bus.robot" => "--robot",
+        "bus.domain" => "--domain",
+        "monitor.out_dir" => "--out",
+        "plant.speed" => "--speed",
+        "plant.duration_s" => "--duration",
+        "plant.seed" => "--seed",
+        other => other,
     }
 }
 
@@ -264,4 +279,41 @@ pub enum TableFormat {
     Text,
     /// One JSON object.
     Json,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn fault_a_wrong_option_is_reported_as_it_was_typed() {
+        let own = |key, value: &str| [(key, Some(value.to_owned()))];
+        for (key, value, said) in [
+            ("plant.speed", "fast", "--speed fast: plant.speed: expected"),
+            ("plant.duration_s", "nan", "--duration nan: plant.duration_s: expected"),
+            ("plant.seed", "-1", "--seed -1: plant.seed: expected"),
+        ] {
+            let error = CommonArgs::default().load(Vec::new(), &own(key, value));
+            let error = error.map(|_| ()).expect_err(key).to_string();
+            assert!(error.starts_with(said), "{error}");
+        }
+        let named = CommonArgs {
+            domain: Some("a/b".to_owned()),
+            ..CommonArgs::default()
+        };
+        let error = named
+            .load(Vec::new(), &[])
+            .map(|_| ())
+            .expect_err("no name")
+            .to_string();
+        assert!(error.starts_with("--domain a/b: bus.domain: expected"), "{error}");
+        // An option overrides --set, and a shortened run is not warned of.
+        let both = CommonArgs {
+            set: vec!["plant.duration_s=90".to_owned()],
+            ..CommonArgs::default()
+        };
+        let config = both.load(Vec::new(), &own("plant.duration_s", "30")).expect("valid");
+        assert_eq!(config.plant.sim.duration_s, 30.0);
+        assert!(config.warnings().is_empty(), "{:?}", config.warnings());
+    }
 }

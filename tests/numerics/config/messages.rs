@@ -291,6 +291,22 @@ fn fault_files_that_are_none_are_refused_by_name() {
 }
 
 #[test]
+fn regress_a_recording_of_a_shortened_run_is_no_reason_to_warn() {
+    let text = "[plant]\nduration_s = 20\n[plant.mass_2]\nt_s = [0, 45]\nmass_kg = [150, 170]\n".to_owned();
+    let name = "test.toml".to_owned();
+    let warns = |source: Source| {
+        let config = Config::load(&[source], &[]).unwrap();
+        let mut warnings = config.warnings().iter();
+        warnings.any(|warning| warning.message.contains("behind the end of the run"))
+    };
+    assert!(warns(Source::Embedded {
+        name: name.clone(),
+        text: text.clone()
+    }));
+    assert!(!warns(Source::Recorded { name, text }));
+}
+
+#[test]
 fn fault_a_recordings_configuration_opens_no_file() {
     let dir = tempfile::tempdir().unwrap();
     let secret = dir.path().join("secret");

@@ -48,7 +48,7 @@ impl Check<'_> {
                 "realtime delivery at speed \"max\" loses samples as soon as a consumer is slower than the plant";
             self.warn(self.culprit(&["bus.delivery", "plant.speed"]), message);
         }
-        if !own && form.model.kind != sim.model() && self.stated("plant.machine") {
+        if form.model.kind != sim.model() && self.stated("plant.machine") {
             let message = format!(
                 "simulates a machine that the model {} does not describe",
                 form.model.kind
@@ -107,6 +107,8 @@ impl Check<'_> {
             .layers
             .entries()
             .iter()
+            // A robot's file implies keys that nobody wrote; they have no line.
+            .filter(|(_, entry)| !matches!(entry.origin, Origin::File { line: 0, .. }))
             .filter_map(|(path, entry)| {
                 let (section, name) = path.rsplit_once('.')?;
                 if default.get(section)?.get(name) == Some(&entry.value) {

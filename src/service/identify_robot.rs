@@ -5,8 +5,8 @@ use super::offline_run::tell_stopped;
 use super::robot::robot_text;
 use super::robot_log::RobotLog;
 use super::ticker::Ticker;
-use super::{Exit, Failure, IdentifyArgs, TableFormat, logging, out_dir, robot_profile, robot_urdf};
-use crate::config::{RobotConfig, is_robot_override};
+use super::{Exit, Failure, IdentifyArgs, TableFormat, cell, logging, out_dir, robot_profile, robot_urdf};
+use crate::config::{RobotConfig, Source, is_robot_override};
 use crate::messages::{Estimate, State};
 use crate::node::robot::RobotEvidence;
 use crate::robot::{
@@ -26,7 +26,9 @@ const WARM_UP_BLOCKS: usize = 10;
 /// # Errors
 /// If the file is wrong, or an option does not apply to a robot's log.
 pub(super) fn configuration(args: &IdentifyArgs) -> Result<Option<RobotConfig>, Failure> {
-    let [path] = &args.common.config[..] else {
+    // A robot of a cell has its own file; what the cell's robots share has no effect on a log.
+    let sources = cell::sources(&args.common.config, args.common.robot.as_deref())?;
+    let ([Source::File(path)] | [Source::File(path), Source::Shared(_)]) = &sources[..] else {
         return none_with_validation(args);
     };
     let Some(text) = robot_text(path) else {
@@ -362,4 +364,24 @@ fn table(identifier: &RobotIdentifier, fits: &Fits) -> String {
         let _ = writeln!(text, "\nheld at 0: {}", model.robot().held.join(", "));
     }
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::{Args as _, Command, FromArgMatches as _};
+
+    #[test]
+    fn regress_the_log_of_a_cells_robot_is_read_by_its_own_file() {
+        let cell = concat!(env!("CARGO_MANIFEST_DIR"), "/config/robots/cell.toml");
+        let joints = |robot: &str| {
+            let line = IdentifyArgs::augment_args(Command::new("identify"));
+            let typed = line.try_get_matches_from(["identify", "log.csv", "--config", cell, "--robot", robot]);
+            let args = IdentifyArgs::from_arg_matches(&typed.expect("taken")).expect("arguments");
+            configuration(&args)
+                .expect("valid")
+                .map(|config| config.model.robot().len())
+        };
+        assert_eq!((joints("welder"), joints("arm-3")), (Some(6), None));
+    }
 }

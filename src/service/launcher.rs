@@ -19,7 +19,7 @@ use super::ticker::Ticker;
 use super::wiring::simulates;
 use super::{Exit, Failure, RunArgs, TableFormat, cell, logging, out_dir, report, warm};
 use crate::bus::{Bus, Role, RoleLock, Subscriber};
-use crate::config::{Catalog, Config, FeedForward};
+use crate::config::{Catalog, Config, FeedForward, Source};
 use crate::files;
 use crate::messages::Status;
 use crate::node::simulated_plant::SimulatedLosses;
@@ -46,8 +46,10 @@ pub fn run(args: &RunArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     let config = load(args)?;
     if !simulates(&config, &config.plant.sim) {
         return Err(Failure::Usage(format!(
-            "the simulated machine is not one that the model {} describes: set plant.machine = \"servo_axis\" for a servo axis, \"arm\" for the manipulator, \"model\" for the equations of any model",
-            config.model.name()
+            "plant.machine: expected {} for the model {}, got a machine that the model {} describes",
+            machines(config.model.name()),
+            config.model.name(),
+            config.plant.sim.model()
         )));
     }
     if args.warm {
@@ -64,9 +66,7 @@ pub fn run(args: &RunArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     }
     out_dir::create(&dir)?;
     let config_file = dir.join(CONFIG_TOML);
-    let files = args.file.iter().chain(&args.plant.common.config);
-    let own = super::robot::as_file(files, &args.plant.common.set, &config, &dir)?;
-    files::write_synced(&config_file, own.unwrap_or_else(|| config.to_toml()).as_bytes())
+    files::write_synced(&config_file, as_file(args, &config, &dir)?.as_bytes())
         .map_err(|e| super::monitor::unwritable(&config_file, &e))?;
 
     let bus = Bus::join(&domain, &robot, "run")?;
@@ -132,6 +132,29 @@ pub fn run(args: &RunArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
     } else {
         Exit::Done
     })
+}
+
+/// The whole configuration as a file of the results, with the URDF of a robot beside it; the robot
+/// may be one of a cell.
+fn as_file(args: &RunArgs, config: &Config, dir: &Path) -> Result<String, Failure> {
+    let common = &args.plant.common;
+    let stated: Vec<_> = args.file.iter().chain(&common.config).cloned().collect();
+    let sources = cell::sources(&stated, common.robot.as_deref())?;
+    let files = sources.iter().filter_map(|source| match source {
+        Source::File(path) => Some(path),
+        _ => None,
+    });
+    let own = super::robot::as_file(files, &common.set, config, dir)?;
+    Ok(own.unwrap_or_else(|| config.to_toml()))
+}
+
+/// The values of `plant.machine` for a machine that a model describes.
+fn machines(model: &str) -> &'static str {
+    match model {
+        "manipulator" => "\"arm\", or \"model\" to simulate the model's own equations,",
+        "servo_axis" => "\"servo_axis\", or \"model\" to simulate the model's own equations,",
+        _ => "\"model\"",
+    }
 }
 
 /// The configuration with the consumers to wait for, as `run` determines them.
@@ -200,7 +223,6 @@ fn make_report(dir: &Path, summary: &Summary, catalog: &Catalog) -> Result<(), F
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::Source;
     use crate::service::CommonArgs;
     use crate::service::args::BUILT_IN;
 
@@ -228,5 +250,30 @@ mod tests {
                 assert_eq!((&config.plant, &config.model), (&expected.plant, &expected.model));
             }
         }
+    }
+
+    #[test]
+    fn regress_the_results_of_a_cells_robot_hold_its_whole_configuration() {
+        let cell = std::path::PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/config/robots/cell.toml"));
+        let dir = std::env::temp_dir().join(format!("thetabus-launcher-cell-{}", std::process::id()));
+        std::fs::create_dir_all(&dir).expect("a directory");
+        for robot in ["welder", "axis-2"] {
+            let mut run = RunArgs {
+                file: Some(cell.clone()),
+                ..RunArgs::default()
+            };
+            run.plant.common.robot = Some(robot.to_owned());
+            let config = super::load(&run).expect("valid");
+            let text = as_file(&run, &config, &dir).expect("written");
+            std::fs::write(dir.join(CONFIG_TOML), text).expect("written");
+            let again = CommonArgs {
+                config: vec![dir.join(CONFIG_TOML)],
+                ..CommonArgs::default()
+            };
+            let again = again.load(Vec::new(), &[]).expect("valid");
+            assert_eq!(again.config_hash(), config.config_hash(), "{robot}");
+            assert_eq!(again.bus.robot, robot);
+        }
+        std::fs::remove_dir_all(dir).expect("removed");
     }
 }

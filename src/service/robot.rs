@@ -344,6 +344,22 @@ mod tests {
     }
 
     #[test]
+    fn regress_another_machine_is_warned_of_and_no_key_that_nobody_wrote() {
+        let warnings = |config: Config| {
+            let all = config.warnings().iter().map(ToString::to_string);
+            all.collect::<Vec<_>>()
+        };
+        let six_axis = Path::new(SIX_AXIS);
+        let other = warnings(load(six_axis, &["plant.machine=servo_axis"]).expect("valid"));
+        assert_eq!(other.len(), 1, "{other:?}");
+        assert!(
+            other[0].starts_with("--set plant.machine=servo_axis: plant.machine: simulates a machine"),
+            "{other:?}"
+        );
+        assert!(warnings(load(six_axis, &["plant.machine=model"]).expect("valid")).is_empty());
+    }
+
+    #[test]
     fn fault_a_wrong_key_or_a_robots_key_without_a_robot_is_refused_with_what_to_do() {
         let six_axis = Path::new(SIX_AXIS);
         for (set, words) in [

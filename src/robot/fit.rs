@@ -18,6 +18,11 @@ use super::model::RobotModel;
 use super::state::{FilteredSample, RobotSample};
 use crate::model::MAX_JOINTS;
 
+/// Share of moving samples below which a joint is not judged by its residual.
+pub(super) const MOVING: f64 = 0.1;
+/// Fewest moving samples to judge by: the low-pass of (1) forgets its ends within about 20.
+const FEWEST_MOVING: usize = 50;
+
 /// Filters a log of a model's robot; fewer than 3 samples give none.
 pub fn filtered(model: &RobotModel, log: &[RobotSample]) -> Vec<FilteredSample> {
     let Some(filter) = ZeroPhaseLowPass::new(5, 0.15) else {
@@ -87,6 +92,8 @@ pub struct TorqueFit {
     error: [f64; MAX_JOINTS],
     square: [f64; MAX_JOINTS],
     sum: [f64; MAX_JOINTS],
+    /// Samples in which a joint moves.
+    moving: [usize; MAX_JOINTS],
 }
 
 impl TorqueFit {
@@ -107,7 +114,14 @@ impl TorqueFit {
             self.error[i] += (sample.tau[i] - predicted[i]).powi(2);
             self.square[i] += sample.tau[i].powi(2);
             self.sum[i] += sample.tau[i];
+            self.moving[i] += usize::from(sample.dq[i].abs() > model.friction()[i].rest_speed);
         }
+    }
+
+    /// True if a joint moves in enough of the samples for its residual to tell something about the
+    /// model: friction holds a joint at rest under any torque, and the filter needs some samples.
+    pub fn can_be_judged(&self, joint: usize) -> bool {
+        self.moving[joint] >= FEWEST_MOVING && self.moving[joint] as f64 > MOVING * self.samples as f64
     }
 
     /// RRE \[%\] of a joint; `None` without a torque.
@@ -120,5 +134,35 @@ impl TorqueFit {
     pub fn fit(&self, joint: usize) -> Option<f64> {
         let spread = self.square[joint] - self.sum[joint].powi(2) / self.samples.max(1) as f64;
         (spread > 1e-12 * self.square[joint]).then(|| 100.0 * (1.0 - (self.error[joint] / spread).sqrt())) // (1)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::selection::Selection;
+    use super::super::tree::Robot;
+    use super::*;
+
+    #[test]
+    fn regress_a_joint_at_rest_and_a_handful_of_samples_judge_no_model() {
+        let urdf = include_str!("../../config/robots/six_axis.urdf");
+        let robot = Robot::from_urdf(urdf, &Selection::default()).expect("sound");
+        let model = RobotModel::new(robot, true, vec![Default::default(); 6]).expect("sound");
+        let theta: Vec<f64> = model.parameters().iter().map(|p| p.nominal).collect();
+        // Joint 1 moves in a part of the samples, the others rest.
+        let judged = |count: usize, moving: usize| {
+            let sample = |k| {
+                let mut sample = FilteredSample::default();
+                sample.dq[0] = if k < moving { 0.3 } else { 0.001 };
+                sample.tau = [1.0; MAX_JOINTS];
+                sample
+            };
+            let samples: Vec<FilteredSample> = (0..count).map(sample).collect();
+            let fit = TorqueFit::of(&model, &theta, &samples);
+            assert!((1..6).all(|joint| !fit.can_be_judged(joint)));
+            fit.can_be_judged(0)
+        };
+        assert!(judged(1000, 1000) && judged(1000, 110));
+        assert!(!judged(1000, 90) && !judged(1000, 0) && !judged(5, 5));
     }
 }

@@ -9,7 +9,7 @@
 
 use super::clipped::Largest;
 use super::echo::Echo;
-use super::fit::correlation_time_s;
+use super::fit::{MOVING, correlation_time_s};
 use super::friction::FrictionTerm;
 use super::identify::RobotIdentifier;
 use super::impossible_room::Impossible;
@@ -35,8 +35,6 @@ const SURE: f64 = 5.0;
 const LARGEST_RESIDUAL: f64 = 70.0;
 /// A misfit with a correlation time below this share of a window is noise, or nearly so.
 const WHITE: f64 = 0.2;
-/// Share of moving samples below which a joint is not judged by its residual.
-const MOVING: f64 = 0.1;
 /// Friction below this share of the torque is ignored.
 const LEAST_FRICTION: f64 = 0.01;
 /// Number of samples in the sums.

@@ -235,6 +235,14 @@ struct Fits {
     held_out: Option<TorqueFit>,
 }
 
+impl Fits {
+    /// Relative residual of a joint on the other log \[%\], if that log can tell.
+    fn held_out(&self, joint: usize) -> Option<f64> {
+        let judged = self.held_out.as_ref().filter(|fit| fit.can_be_judged(joint));
+        judged.and_then(|fit| fit.relative_residual(joint))
+    }
+}
+
 /// The part selected by --from and --to, in seconds after the first sample.
 fn cut(args: &IdentifyArgs, mut log: RobotLog) -> Result<RobotLog, Failure> {
     let span = args.span.span()?;
@@ -309,7 +317,7 @@ fn summary(identifier: &RobotIdentifier, last: &Estimate, fits: &Fits, samples: 
                 "fit_percent": fits.learnt.fit(j),
                 "relative_residual_percent": fits.learnt.relative_residual(j),
                 "predicted_before_learnt_percent": fits.before.relative_residual(j),
-                "validation_percent": fits.held_out.as_ref().and_then(|fit| fit.relative_residual(j)),
+                "validation_percent": fits.held_out(j),
                 "torque_std": identifier.torque_std(j),
                 "misfit_correlation": identifier.inflation(j),
                 "residual_correlation_s": fits.correlation_s[j],
@@ -356,9 +364,23 @@ fn table(identifier: &RobotIdentifier, fits: &Fits) -> String {
             percent(fits.learnt.fit(j)),
             percent(fits.learnt.relative_residual(j)),
             percent(fits.before.relative_residual(j)),
-            percent(fits.held_out.as_ref().and_then(|fit| fit.relative_residual(j))),
+            percent(fits.held_out(j)),
             percent(fits.correlation_s[j])
         );
+    }
+    if let Some(held_out) = &fits.held_out {
+        let joints = model.robot().joints.iter().enumerate();
+        let unjudged: Vec<&str> = joints
+            .filter(|(j, _)| !held_out.can_be_judged(*j))
+            .map(|(_, joint)| &*joint.name)
+            .collect();
+        if !unjudged.is_empty() {
+            let _ = writeln!(
+                text,
+                "\nheld out cannot be judged, because the log of --validate hardly moves these joints or has too few samples: {}",
+                unjudged.join(", ")
+            );
+        }
     }
     if !model.robot().held.is_empty() {
         let _ = writeln!(text, "\nheld at 0: {}", model.robot().held.join(", "));

@@ -94,19 +94,24 @@ fn table(response: &Response) -> String {
             let (name, unit) = (text_of(&item.name), text_of(&item.unit));
             let _ = match kind {
                 item_kind::POSITION | item_kind::INPUT => writeln!(text, "  {name:<20} [{unit}]"),
-                item_kind::FIGURE => writeln!(text, "  {name:<20} {:<12} [{unit}]", Short(item.value).to_string()),
+                item_kind::FIGURE => writeln!(text, "  {name:<20} {:<12} [{unit}]", shown(item.value).to_string()),
                 _ => writeln!(
                     text,
                     "  {name:<20} {:<12} [{}]  {} to {}",
-                    Short(item.value).to_string(),
+                    shown(item.value).to_string(),
                     if unit.is_empty() { "1" } else { unit },
-                    Short(item.lower),
-                    Short(item.upper)
+                    shown(item.lower),
+                    shown(item.upper)
                 ),
             };
         }
     }
     text
+}
+
+/// A number for people, in six significant digits; JSON has all of them.
+fn shown(value: f64) -> Short {
+    Short(format!("{value:.5e}").parse().unwrap_or(value))
 }
 
 /// The heading of the numbers after the names.
@@ -141,4 +146,34 @@ fn as_json(response: &Response, described: bool) -> Value {
         all[title] = response.items().iter().filter(|i| i.kind == kind).map(item).collect();
     }
     all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::{Command as Line, FromArgMatches, Subcommand};
+
+    #[test]
+    fn fault_a_payload_of_neither_kind_is_told_which_there_are() {
+        let line = CtlCommand::augment_subcommands(Line::new("ctl"));
+        let typed = line.try_get_matches_from(["ctl", "payload"]).expect("taken");
+        let command = CtlCommand::from_arg_matches(&typed).expect("a command");
+        let error = request(&command).map(|_| ()).expect_err("neither").to_string();
+        assert_eq!(error, "payload: expected `none` or --mass KG, got neither");
+    }
+
+    #[test]
+    fn regress_a_table_has_six_digits_of_a_number_and_no_rounding_errors() {
+        for (value, text) in [
+            (0.454_237_899_999_999_9, "0.454238"),
+            (1900.0, "1900"),
+            (1e9, "1e9"),
+            (-1.0 / 3.0, "-0.333333"),
+            (0.0, "0"),
+            (f64::INFINITY, "inf"),
+            (f64::NEG_INFINITY, "-inf"),
+        ] {
+            assert_eq!(shown(value).to_string(), text);
+        }
+    }
 }

@@ -69,7 +69,7 @@ pub enum CtlCommand {
     /// Declare the robot's payload instead of estimating it: none, or a known load
     Payload {
         /// The flange is empty
-        #[arg(value_name = "none", value_parser = ["none"], conflicts_with_all = ["mass", "com", "inertia"], required_unless_present = "mass")]
+        #[arg(value_name = "none", value_parser = ["none"], conflicts_with_all = ["mass", "com", "inertia"])]
         none: Option<String>,
         /// Mass of the load in kg
         #[arg(long, value_name = "KG", allow_negative_numbers = true)]

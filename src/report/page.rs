@@ -5,7 +5,7 @@ use super::fonts::{MEDIUM, REGULAR};
 use super::labels::{escape, power_of_ten};
 use super::plot::Figure;
 use super::summary::{Summary, error, significant};
-use super::words::{pretty_unit, symbol, with_powers};
+use super::words::{model_symbol, pretty_unit, symbol, with_powers};
 use std::fmt::Write as _;
 
 const STYLE: &str = "
@@ -48,7 +48,11 @@ pre{overflow-x:auto;font:13px/1.45 ui-monospace,'DejaVu Sans Mono',monospace;mar
 ///
 /// `beside` are files in the same directory.
 pub fn page(run: &RunData, summary: &Summary, figures: &[Figure], beside: &[&str]) -> String {
-    let title = format!("{}, robot {}", escape(&symbol(&summary.model)), escape(&summary.robot));
+    let title = format!(
+        "{}, robot {}",
+        escape(&model_symbol(&summary.model)),
+        escape(&summary.robot)
+    );
     let mut html = String::with_capacity(1 << 20);
     let _ = write!(
         html,

@@ -39,7 +39,13 @@ impl Rounded {
         let decimals = (shift - place).clamp(0, 17) as usize;
         let scale = 10f64.powi(shift);
         let power = if shift == 0 { String::new() } else { format!("e{shift}") };
-        let text = |number: f64| format!("{:.decimals$}{power}", number / scale);
+        let text = |number: f64| {
+            let rounded = format!("{:.decimals$}", number / scale);
+            // Less than half of the last digit is 0, of either sign.
+            let is_zero = !rounded.contains(|c: char| ('1'..='9').contains(&c));
+            let shown = rounded.strip_prefix('-').filter(|_| is_zero).unwrap_or(&rounded);
+            format!("{shown}{power}")
+        };
         let std = match (known, is_tiny) {
             (false, _) => String::new(),
             (true, true) => format!("{std:.0e}"),
@@ -176,6 +182,15 @@ pub fn symbol(name: &str) -> String {
     }
 }
 
+/// Name of a model as in a text: without the digest that a robot's has behind it, `_5998eabc`.
+pub(super) fn model_symbol(name: &str) -> String {
+    let is_digest = |end: &str| end.len() == 8 && end.bytes().all(|b| matches!(b, b'0'..=b'9' | b'a'..=b'f'));
+    match name.rsplit_once('_') {
+        Some((own, end)) if is_digest(end) && !own.is_empty() => symbol(own),
+        _ => symbol(name),
+    }
+}
+
 /// Unit as in a text: a real exponent and a middle dot.
 pub fn pretty_unit(unit: &str) -> String {
     with_powers(unit).replace(' ', "\u{b7}")
@@ -198,6 +213,9 @@ mod tests {
             (150.1234, f64::NAN, "150.12"),
             (0.0, 0.3, "0.0 ± 0.3"),
             (-0.26, 0.004, "-0.260 ± 0.004"),
+            (-0.0012, 0.05, "0.00 ± 0.05"),
+            (-2.0, 37.0, "0 ± 40"),
+            (-0.0, f64::NAN, "0.0000"),
             (3.4218e-6, 4.6e-8, "3.42e-6 ± 0.05e-6"),
             (1_234_567.0, 2345.0, "1.2346e6 ± 0.0023e6"),
             (12345.0, 340.0, "12300 ± 300"),
@@ -208,6 +226,18 @@ mod tests {
             (9.99, 0.0996, "9.99 ± 0.10"),
         ] {
             assert_eq!(Rounded::new(value, std).to_string(), text);
+        }
+    }
+
+    #[test]
+    fn regress_a_digest_is_no_part_of_a_models_name() {
+        for (name, text) in [
+            ("six_axis_5998eabc", "six axis"),
+            ("servo_axis", "servo axis"),
+            ("arm_of_facade", "arm of facade"),
+            ("_5998eabc", " 5998eabc"),
+        ] {
+            assert_eq!(model_symbol(name), text);
         }
     }
 

@@ -31,8 +31,12 @@ impl SpanArgs {
             from_ns: nanoseconds("from", self.from, all.from_ns)?,
             to_ns: nanoseconds("to", self.to, all.to_ns)?,
         };
-        if span.from_ns > span.to_ns {
-            return Err(Failure::Usage("--from lies behind --to".to_owned()));
+        if let (Some(from), Some(to)) = (self.from, self.to)
+            && from > to
+        {
+            return Err(Failure::Usage(format!(
+                "--from {from}: expected a time up to that of --to, {to}, got a later one"
+            )));
         }
         Ok(span)
     }

@@ -11,6 +11,7 @@ use std::path::{Path, PathBuf};
 /// # Errors
 /// If it exists or cannot be written.
 pub(super) fn write_new(path: &Path, text: &str) -> Result<(), Failure> {
+    refuse_directory(path)?;
     let problem = |e: io::Error| not_written(&whole(path).display(), &e);
     let mut file = File::create_new(path).map_err(problem)?;
     or_remove(path, file.write_all(text.as_bytes())).map_err(problem)
@@ -26,8 +27,20 @@ pub(super) fn or_remove(path: &Path, written: io::Result<()>) -> io::Result<()> 
 /// # Errors
 /// If it exists.
 pub(super) fn refuse_existing(path: &Path) -> Result<(), Failure> {
+    refuse_directory(path)?;
     match path.exists() {
         true => Err(not_written(&path.display(), &ErrorKind::AlreadyExists.into())),
+        false => Ok(()),
+    }
+}
+
+/// Nobody should remove a directory for a file.
+fn refuse_directory(path: &Path) -> Result<(), Failure> {
+    match path.is_dir() {
+        true => Err(Failure::Usage(format!(
+            "{}: expected the name of a new file, got a directory",
+            path.display()
+        ))),
         false => Ok(()),
     }
 }
@@ -44,5 +57,22 @@ pub(super) fn not_written(name: &dyn Display, e: &io::Error) -> Failure {
             "{name} exists and is not written over; name another file or remove it"
         )),
         _ => Failure::Failed(format!("{name} cannot be written: {e}")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn fault_nobody_is_told_to_remove_a_directory() {
+        let dir = std::env::temp_dir();
+        for refused in [write_new(&dir, "text"), refuse_existing(&dir)] {
+            let said = refused.expect_err("a directory").to_string();
+            assert!(
+                said.ends_with("expected the name of a new file, got a directory"),
+                "{said}"
+            );
+        }
     }
 }

@@ -1,7 +1,7 @@
 //! Messages about wrong keys and values: what is wrong, and what was probably intended.
 
 use super::kind::Key;
-use super::schema::Schema;
+use super::schema::{ROBOTS, Schema};
 use toml::de::DeValue;
 
 pub(super) use crate::words::cut;
@@ -26,6 +26,9 @@ pub(super) fn unknown(schema: &Schema, path: &str) -> String {
     }
     if let Some(what) = schema.retired(path) {
         return what.to_owned();
+    }
+    if path == ROBOTS {
+        return "unknown key; the name of one robot is bus.robot, and many robots are entries [[robot]], in two brackets".to_owned();
     }
     match likeliest(schema, path, &known) {
         Some(key) => format!("unknown key; did you mean {key}?"),

@@ -237,7 +237,8 @@ impl Command {
             Self::Completions { shell } => main_with(&tool(LogFormat::Text), |_| {
                 // it panics if it cannot write
                 let mut text = Vec::new();
-                clap_complete::generate(shell, &mut Program::command(), program_name(), &mut text);
+                let mut line = without_hidden(&Program::command()).version(VERSION.as_str());
+                clap_complete::generate(shell, &mut line, program_name(), &mut text);
                 print(&text)
             }),
             Self::Man => main_with(&tool(LogFormat::Text), |_| {
@@ -266,6 +267,42 @@ impl Command {
             Self::Monitor(mut args) => {
                 args.common.catalog = catalog;
                 main_with(&args.common, |shutdown| super::monitor(&args, shutdown))
+            }
+        }
+    }
+}
+
+/// A command line without its hidden options, which shells would offer like all others.
+fn without_hidden(line: &clap::Command) -> clap::Command {
+    // Names of commands that are made at run time must last; a few words, once in a process.
+    let name: &'static str = line.get_name().to_owned().leak();
+    let mut shown = clap::Command::new(name).propagate_version(true);
+    if let Some(about) = line.get_about() {
+        shown = shown.about(about.clone());
+    }
+    let arguments = line.get_arguments().filter(|argument| !argument.is_hide_set());
+    shown
+        .args(arguments.cloned())
+        .subcommands(line.get_subcommands().map(without_hidden))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::ValueEnum as _;
+
+    #[test]
+    fn regress_shells_complete_every_option_that_is_for_users_and_no_other() {
+        for shell in clap_complete::Shell::value_variants() {
+            let mut text = Vec::new();
+            let mut line = without_hidden(&Program::command()).version(VERSION.as_str());
+            clap_complete::generate(*shell, &mut line, "thetabus", &mut text);
+            let text = String::from_utf8(text).expect("text");
+            for shown in ["describe", "duration", "web-control", "validate"] {
+                assert!(text.contains(shown), "{shell}: {shown}");
+            }
+            for hidden in ["launched-by", "await-consumers", "receipts", "until-end"] {
+                assert!(!text.contains(hidden), "{shell}: {hidden}");
             }
         }
     }

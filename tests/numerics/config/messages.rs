@@ -67,6 +67,10 @@ const WRONG: &[(&str, &[&str])] = &[
         "colour = 5",
         &["test.toml:1", "colour", "unknown key", "config/default.toml"],
     ),
+    (
+        "[robot]\nname = \"a\"",
+        &["test.toml:1: robot", "bus.robot", "entries [[robot]], in two brackets"],
+    ),
     ("estimator = 5", &["estimator", "a section [estimator]", "got 5"]),
     ("[estimator.block_len]\na = 1", &["estimator.block_len", "a section"]),
     ("[[estimator]]\nblock_len = 1", &["estimator", "a section [estimator]"]),

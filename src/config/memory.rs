@@ -6,7 +6,7 @@
 use super::error::{ConfigError, Origin, Problem};
 use super::layers::Layers;
 use super::sections::Config;
-use crate::rows::RowForm;
+use crate::rows::{FirstBlocks, RowForm};
 
 /// The keys on which the size of a block's rows depends.
 const KEYS: [&str; 5] = [
@@ -73,7 +73,8 @@ impl Config {
                 let samples = |time_s: f64| (time_s / options.sample_period_s).round().max(1.0) as u64;
                 let (window, stride) = (samples(options.window_s), samples(options.stride_s));
                 let reach = window + 4 * options.velocity_half_width as u64;
-                let capacity = block_len + block_len / 16 + 2 * reach + stride;
+                let of_blocks = (block_len + block_len / 16).saturating_mul(FirstBlocks::COUNT as u64);
+                let capacity = of_blocks.saturating_add(2 * reach + stride);
                 let windows = capacity / stride + 2;
                 let band = 3 * (reach / stride + 2);
                 let columns = 4 * (params + 16) + 16;

@@ -120,10 +120,10 @@ impl BlockEstimator {
         self.forget();
     }
 
-    /// Forgets the last `blocks` blocks, which are all that it has learnt from, to learn from them
-    /// again: θ̂, the stream and the number of blocks before them stay. Allocates nothing.
-    pub fn begin_again(&mut self, blocks: u64) {
-        let (stream_id, before) = (self.stream_id, self.report.blocks.saturating_sub(blocks));
+    /// Forgets all blocks, to learn from their samples again as one block, which gets the number of
+    /// the last of them. θ̂ and the stream stay. Allocates nothing.
+    pub fn begin_again(&mut self) {
+        let (stream_id, before) = (self.stream_id, self.report.blocks.saturating_sub(1));
         self.forget();
         (self.stream_id, self.report.blocks) = (stream_id, before);
     }

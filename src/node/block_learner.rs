@@ -23,8 +23,6 @@ pub struct BlockLearner<B> {
     judge: StateMachine,
     derived: Option<Box<dyn DerivedValues + Send>>,
     first: FirstBlocks,
-    /// θ̂ after the first blocks.
-    first_theta: Vec<f64>,
 }
 
 impl<B: SampleBlock + Send + 'static> BlockLearner<B> {
@@ -33,7 +31,6 @@ impl<B: SampleBlock + Send + 'static> BlockLearner<B> {
         Self {
             judge: StateMachine::new(estimator.theta()),
             first: rows.first_blocks(),
-            first_theta: estimator.theta().to_vec(),
             rows,
             estimator,
             derived,
@@ -52,25 +49,21 @@ impl<B: SampleBlock + Send + 'static> BlockLearner<B> {
         pairs.any(|(std, prior)| !prior.fixed && *std < INFORMED * prior.std)
     }
 
-    /// Learns from the first blocks again, with the θ̂ that they gave together for weights and
-    /// smoothing.
+    /// Learns from the first blocks again, together as one block.
     fn learn_again(&mut self) {
-        self.first_theta.copy_from_slice(self.estimator.theta());
-        self.estimator.begin_again(self.first.len() as u64);
         self.rows.reset();
-        self.rows.know_theta();
+        self.rows.forget_theta();
         for k in 0..self.first.len() {
-            if k > 0 {
-                self.rows.clear();
-            }
             for (t_ns, sample) in self.first.block(k) {
-                // there was room for them before
+                // there is room for all of them
                 let _ = self.rows.push(t_ns, &sample);
             }
-            self.rows.enable_scale_columns(self.estimator.inquires());
-            self.rows.prepare(&self.first_theta);
-            self.estimator.update(&self.rows);
         }
+        self.rows.enable_scale_columns(false);
+        self.rows.prepare(self.estimator.theta());
+        self.estimator.begin_again();
+        self.estimator.update(&self.rows);
+        self.rows.know_theta();
         self.first.end();
     }
 }
@@ -105,11 +98,15 @@ impl<B: SampleBlock + Send + 'static> Learner for BlockLearner<B> {
         self.rows.enable_scale_columns(self.estimator.inquires());
         self.rows.prepare(self.estimator.theta());
         self.estimator.update(&self.rows);
+        let replaced = self.rows.replaced();
+        if self.estimator.report().change.is_some() {
+            // one θ does not describe these blocks
+            self.first.end();
+        }
         if self.first.close_block(self.is_informed()) {
             self.learn_again();
         }
         let report = self.estimator.report();
-        let replaced = self.rows.replaced();
         let spiky = f64::from(replaced) / (2 * end.joints.max(1)) as f64 / end.len as f64;
         let mut estimate = message(report, self.judge.step(report, end.lost.max(spiky)));
         estimate.outliers = estimate.outliers.saturating_add(replaced);

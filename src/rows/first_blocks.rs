@@ -1,16 +1,15 @@
-//! The samples of the first blocks, kept until θ is known, so that they can be learnt from again.
+//! The samples of the first blocks, kept so that they can be learnt from again as one block.
 //!
-//! Rows are weighted, and their positions smoothed, with a θ that the first blocks themselves must
-//! give (`projected/first_fit.rs`). Through encoders of 13 bits one block of smooth motion hardly
-//! determines it, and what was learnt with wrong weights stays in the estimate for long: θ₅ and θ₉
-//! of the arm had 2 to 10 times the Cramér–Rao bound after ten blocks. Four blocks give a θ that is
-//! good enough for all of them, and the same samples learnt again with it lose nothing
-//! (docs/efficiency.md).
+//! Rows are weighted, their positions smoothed, and their equations linearised with a θ that the
+//! first blocks themselves must give (`projected/first_fit.rs`). A single block may be too short
+//! for that, or its motion too smooth. What was learnt with a wrong θ stays in the estimate for
+//! long: through encoders of 13 bits, θ₅ and θ₉ of the arm had 2 to 10 times the Cramér–Rao bound
+//! after ten blocks. It may also look like knowledge: half a second of slow motion fits best with a
+//! length θ₉ of 8 m instead of 1 m, around which θ₆ seems to be known to 10 %, and the next blocks,
+//! which correct θ₉, cannot undo that. Four blocks as one are fitted with one θ, which is also that
+//! of their weights.
 
 use crate::model::JointSample;
-
-/// Blocks that are learnt from twice.
-const BLOCKS: usize = 4;
 
 /// Samples of the first blocks that informed on some parameter.
 #[derive(Debug, Clone, Default)]
@@ -25,13 +24,16 @@ pub struct FirstBlocks {
 }
 
 impl FirstBlocks {
+    /// Blocks that are learnt from twice.
+    pub const COUNT: usize = 4;
+
     /// Room for blocks of `block_len` samples of so many joints.
     pub fn new(joints: usize, block_len: usize) -> Self {
         Self {
-            t_ns: Vec::with_capacity(BLOCKS * block_len),
-            signals: Vec::with_capacity(3 * joints * BLOCKS * block_len),
+            t_ns: Vec::with_capacity(Self::COUNT * block_len),
+            signals: Vec::with_capacity(3 * joints * Self::COUNT * block_len),
             joints,
-            ends: Vec::with_capacity(BLOCKS),
+            ends: Vec::with_capacity(Self::COUNT),
             open: joints * block_len > 0,
         }
     }
@@ -63,7 +65,7 @@ impl FirstBlocks {
         } else {
             self.drop_block();
         }
-        let complete = self.open && self.ends.len() == BLOCKS;
+        let complete = self.open && self.ends.len() == Self::COUNT;
         self.open &= !complete;
         complete
     }
@@ -129,15 +131,15 @@ mod tests {
         let mut blocks = FirstBlocks::new(2, 3);
         feed(&mut blocks, 0);
         assert!(!blocks.close_block(false) && blocks.is_empty());
-        for k in 0..BLOCKS as u64 {
+        for k in 0..FirstBlocks::COUNT as u64 {
             // one that was dropped on the way leaves nothing
             feed(&mut blocks, 1000);
             blocks.drop_block();
             feed(&mut blocks, 10 * k);
-            assert_eq!(blocks.close_block(true), k + 1 == BLOCKS as u64);
+            assert_eq!(blocks.close_block(true), k + 1 == FirstBlocks::COUNT as u64);
         }
-        assert_eq!(blocks.len(), BLOCKS);
-        for k in 0..BLOCKS {
+        assert_eq!(blocks.len(), FirstBlocks::COUNT);
+        for k in 0..FirstBlocks::COUNT {
             let kept: Vec<_> = blocks.block(k).collect();
             let wanted: Vec<_> = (0..3)
                 .map(|i| 10 * k as u64 + i)

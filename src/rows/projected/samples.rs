@@ -4,6 +4,7 @@ use super::setpoint_steps::SetpointSteps;
 use super::weak_form::WeakForm;
 use super::windows::Windows;
 use crate::model::JointSample;
+use crate::rows::FirstBlocks;
 use crate::rows::intake::{BRIDGED, GridSample, Intake};
 use crate::rows::repair::Repair;
 use crate::rows::trajectory::Trajectory;
@@ -43,7 +44,7 @@ impl Samples {
         let reach = (half + 2 * form.velocity.half).max(form.kernels.input_half + BEFORE_JUMP);
         let history = 2 * reach + stride;
         // a stream may bring a few more grid values than samples
-        let capacity = history + block_len + block_len / 16 + 4 * BRIDGED;
+        let capacity = history + FirstBlocks::COUNT * (block_len + block_len / 16) + 4 * BRIDGED;
         let joints = form.plant.joints();
         Self {
             signals: Trajectory::new(joints, form.separation.features, capacity),

@@ -4,6 +4,7 @@
 //! ```text
 //! U ← λ U + u,  I ← λ I + i                        u, i of a block from considered.rs                         (1)
 //! Σ (u − i â)² = Σ u² − 2 â Σ u i + â² Σ i²        scatter of the blocks about one amplitude                  (2)
+//! m = I²/Σ i²                                      blocks, as many as would inform equally
 //! X = max((Σ χ² − explained)/Σ ν, scatter ratio)   how far the residuals exceed the noise                     (3)
 //! ```
 
@@ -37,7 +38,6 @@ pub struct Term {
     pub score_square: f64,
     score_information: f64,
     information_square: f64,
-    pub blocks: f64,
 }
 
 impl Term {
@@ -45,7 +45,7 @@ impl Term {
     pub fn take(&mut self, score: f64, information: f64) {
         let informs = score.is_finite() && information.is_finite() && information > 0.0;
         let (u, i) = if informs { (score, information) } else { (0.0, 0.0) };
-        let new = [u, i, u * u, u * i, i * i, f64::from(u8::from(informs))];
+        let new = [u, i, u * u, u * i, i * i];
         for (sum, new) in self.sums_mut().into_iter().zip(new) {
             *sum = MEMORY * *sum + new;
         }
@@ -55,22 +55,31 @@ impl Term {
         self.sums_mut().into_iter().for_each(|number| v.real(number));
     }
 
-    fn sums_mut(&mut self) -> [&mut f64; 6] {
+    fn sums_mut(&mut self) -> [&mut f64; 5] {
         [
             &mut self.score,
             &mut self.information,
             &mut self.score_square,
             &mut self.score_information,
             &mut self.information_square,
-            &mut self.blocks,
         ]
     }
 
-    /// Σ (u − i â)² with one degree of freedom taken by â.
+    /// m. The first block may be four times as long as the others.
+    pub fn blocks(&self) -> f64 {
+        if self.information > 0.0 {
+            self.information * self.information / self.information_square
+        } else {
+            0.0
+        }
+    }
+
+    /// Σ (u − i â)² with one degree of freedom taken by â: its mean is I (1 − 1/m).
     pub fn scatter(&self, amplitude: f64) -> f64 {
         let sum = self.score_square - 2.0 * amplitude * self.score_information
             + amplitude * amplitude * self.information_square;
-        sum * self.blocks / (self.blocks - 1.0).max(0.1)
+        let blocks = self.blocks();
+        sum * blocks / (blocks - 1.0).max(0.1)
     }
 }
 
@@ -191,7 +200,7 @@ impl GroupScores {
     fn mean_scatter_ratio(&self, std: &[f64], terms: Range<usize>) -> f64 {
         let (mut sum, mut count) = (0.0, 0.0);
         for (term, std) in self.terms[terms.clone()].iter().zip(&std[terms]) {
-            if *std > 0.0 && term.blocks >= ENOUGH && term.information > 0.0 {
+            if *std > 0.0 && term.blocks() >= ENOUGH && term.information > 0.0 {
                 let amplitude = term.score / term.information;
                 sum += term.scatter(amplitude) / term.information;
                 count += 1.0;

@@ -285,7 +285,7 @@ impl ScoreTest {
             explained += amplitude * (2.0 * term.score - amplitude * term.information);
             misfit += group.misfit - if group.noise_is_configured { group.freedom } else { 0.0 };
             level += term.information / x / information * group.misfit / group.freedom.max(1.0);
-            blocks = blocks.max(term.blocks);
+            blocks = blocks.max(term.blocks());
             noise_is_configured &= group.noise_is_configured;
         }
         let judged = Judged {

@@ -82,7 +82,7 @@ impl SummedEvidence {
             explained,
             // sums of rows are in units of their own scatter
             level: 1.0,
-            blocks: term.blocks,
+            blocks: term.blocks(),
             repeated: term.score.abs() / scatter.sqrt(),
             noise_is_configured: false,
             suspicion: Suspicion {

@@ -30,6 +30,8 @@ mod evidence;
 mod facade;
 #[cfg(feature = "sim")]
 mod faults;
+#[cfg(feature = "studies")]
+mod first_blocks;
 #[cfg(feature = "sim")]
 mod intake;
 mod model;

@@ -73,13 +73,15 @@ impl Config {
                 let samples = |time_s: f64| (time_s / options.sample_period_s).round().max(1.0) as u64;
                 let (window, stride) = (samples(options.window_s), samples(options.stride_s));
                 let reach = window + 4 * options.velocity_half_width as u64;
-                let of_blocks = (block_len + block_len / 16).saturating_mul(FirstBlocks::COUNT as u64);
-                let capacity = of_blocks.saturating_add(2 * reach + stride);
+                let held = FirstBlocks::samples(self.estimator.block_len) as u64;
+                let capacity = held + held / 16 + 2 * reach + stride;
                 let windows = capacity / stride + 2;
                 let band = 3 * (reach / stride + 2);
                 let columns = 4 * (params + 16) + 16;
                 let of_windows = windows.saturating_mul(8 * equations * (band + columns));
-                let of_first_blocks = block_len.saturating_mul(4 * 8 * (1 + 3 * joints));
+                // a block that is not learnt twice is not kept
+                let kept = if held > block_len { held } else { 0 };
+                let of_first_blocks = kept.saturating_mul(8 * (1 + 3 * joints));
                 let of_samples = capacity.saturating_mul(sample).saturating_add(of_first_blocks);
                 of_samples.saturating_add(of_windows)
             }

@@ -11,6 +11,11 @@
 
 use crate::model::JointSample;
 
+/// Blocks that are learnt from twice.
+const BLOCKS: usize = 4;
+/// Longer blocks \[samples\] determine θ by themselves, and four of them would take much memory.
+const LONGEST: usize = 8_000;
+
 /// Samples of the first blocks that informed on some parameter.
 #[derive(Debug, Clone, Default)]
 pub struct FirstBlocks {
@@ -24,17 +29,25 @@ pub struct FirstBlocks {
 }
 
 impl FirstBlocks {
-    /// Blocks that are learnt from twice.
-    pub const COUNT: usize = 4;
+    /// Samples that must fit into rows for blocks of `block_len`: those of the first blocks as one,
+    /// or of a single block if it is too long to be learnt twice.
+    pub fn samples(block_len: usize) -> usize {
+        if block_len <= LONGEST {
+            BLOCKS * block_len
+        } else {
+            block_len
+        }
+    }
 
-    /// Room for blocks of `block_len` samples of so many joints.
+    /// Room for blocks of `block_len` samples of so many joints; none if these are too long.
     pub fn new(joints: usize, block_len: usize) -> Self {
+        let samples = if block_len <= LONGEST { BLOCKS * block_len } else { 0 };
         Self {
-            t_ns: Vec::with_capacity(Self::COUNT * block_len),
-            signals: Vec::with_capacity(3 * joints * Self::COUNT * block_len),
+            t_ns: Vec::with_capacity(samples),
+            signals: Vec::with_capacity(3 * joints * samples),
             joints,
-            ends: Vec::with_capacity(Self::COUNT),
-            open: joints * block_len > 0,
+            ends: Vec::with_capacity(BLOCKS),
+            open: joints * samples > 0,
         }
     }
 
@@ -65,7 +78,7 @@ impl FirstBlocks {
         } else {
             self.drop_block();
         }
-        let complete = self.open && self.ends.len() == Self::COUNT;
+        let complete = self.open && self.ends.len() == BLOCKS;
         self.open &= !complete;
         complete
     }
@@ -131,15 +144,15 @@ mod tests {
         let mut blocks = FirstBlocks::new(2, 3);
         feed(&mut blocks, 0);
         assert!(!blocks.close_block(false) && blocks.is_empty());
-        for k in 0..FirstBlocks::COUNT as u64 {
+        for k in 0..BLOCKS as u64 {
             // one that was dropped on the way leaves nothing
             feed(&mut blocks, 1000);
             blocks.drop_block();
             feed(&mut blocks, 10 * k);
-            assert_eq!(blocks.close_block(true), k + 1 == FirstBlocks::COUNT as u64);
+            assert_eq!(blocks.close_block(true), k + 1 == BLOCKS as u64);
         }
-        assert_eq!(blocks.len(), FirstBlocks::COUNT);
-        for k in 0..FirstBlocks::COUNT {
+        assert_eq!(blocks.len(), BLOCKS);
+        for k in 0..BLOCKS {
             let kept: Vec<_> = blocks.block(k).collect();
             let wanted: Vec<_> = (0..3)
                 .map(|i| 10 * k as u64 + i)

@@ -207,18 +207,23 @@ impl Layers {
 
     /// Applies `section.key=value` arguments on top; later ones win.
     pub fn arguments(&mut self, arguments: &[String]) {
-        self.layer += 1;
-        for argument in arguments {
-            let taken = self.argument(argument, Origin::Argument(cut(argument, 2 * MAX_KEY)));
-            self.problems.extend(taken.err());
-        }
+        self.lay(
+            arguments
+                .iter()
+                .map(|argument| (argument, Origin::Argument(cut(argument, 2 * MAX_KEY)))),
+        );
     }
 
     /// The same for options that stand for a key; each has the option as typed before it.
     pub fn options(&mut self, options: &[(String, String)]) {
+        let origin = |typed: &str| Origin::Option(cut(typed, 2 * MAX_KEY));
+        self.lay(options.iter().map(|(typed, argument)| (argument, origin(typed))));
+    }
+
+    fn lay<'a>(&mut self, arguments: impl Iterator<Item = (&'a String, Origin)>) {
         self.layer += 1;
-        for (typed, argument) in options {
-            let taken = self.argument(argument, Origin::Option(cut(typed, 2 * MAX_KEY)));
+        for (argument, origin) in arguments {
+            let taken = self.argument(argument, origin);
             self.problems.extend(taken.err());
         }
     }

@@ -73,14 +73,13 @@ impl Config {
                 let samples = |time_s: f64| (time_s / options.sample_period_s).round().max(1.0) as u64;
                 let (window, stride) = (samples(options.window_s), samples(options.stride_s));
                 let reach = window + 4 * options.velocity_half_width as u64;
-                let held = FirstBlocks::samples(self.estimator.block_len) as u64;
-                let capacity = held + held / 16 + 2 * reach + stride;
+                let room = FirstBlocks::room(self.estimator.block_len) as u64;
+                let capacity = room + room / 16 + 2 * reach + stride;
                 let windows = capacity / stride + 2;
                 let band = 3 * (reach / stride + 2);
                 let columns = 4 * (params + 16) + 16;
                 let of_windows = windows.saturating_mul(8 * equations * (band + columns));
-                // a block that is not learnt twice is not kept
-                let kept = if held > block_len { held } else { 0 };
+                let kept = FirstBlocks::kept(self.estimator.block_len) as u64;
                 let of_first_blocks = kept.saturating_mul(8 * (1 + 3 * joints));
                 let of_samples = capacity.saturating_mul(sample).saturating_add(of_first_blocks);
                 of_samples.saturating_add(of_windows)

@@ -4,8 +4,8 @@
 //! ```text
 //! U ← λ U + u,  I ← λ I + i                        u, i of a block from considered.rs                         (1)
 //! Σ (u − i â)² = Σ u² − 2 â Σ u i + â² Σ i²        scatter of the blocks about one amplitude                  (2)
-//! m = I²/Σ i²                                      blocks, as many as would inform equally
 //! X = max((Σ χ² − explained)/Σ ν, scatter ratio)   how far the residuals exceed the noise                     (3)
+//! m = I²/Σ i²                                      number of blocks, if all had the same information          (4)
 //! ```
 
 use super::persist::Visit;
@@ -65,10 +65,10 @@ impl Term {
         ]
     }
 
-    /// m. The first block may be four times as long as the others.
+    /// m. The first block may be four times as long as the others, so a mere count is too large.
     pub fn blocks(&self) -> f64 {
         if self.information > 0.0 {
-            self.information * self.information / self.information_square
+            self.information * self.information / self.information_square // (4)
         } else {
             0.0
         }

@@ -49,7 +49,7 @@ impl<B: SampleBlock + Send + 'static> BlockLearner<B> {
         pairs.any(|(std, prior)| !prior.fixed && *std < INFORMED * prior.std)
     }
 
-    /// Learns from the first blocks again, together as one block.
+    /// Learns from the first blocks again as one block, which finds the θ of its weights by itself.
     fn learn_again(&mut self) {
         self.rows.reset();
         self.rows.forget_theta();

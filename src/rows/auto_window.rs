@@ -146,7 +146,7 @@ impl AutoWindowBlock {
         Ok(Self {
             blocks,
             active: first,
-            kept: Vec::with_capacity(FirstBlocks::samples(block_len)),
+            kept: Vec::with_capacity(FirstBlocks::room(block_len)),
             chosen: false,
             spectrum: Spectrum::new(LOOK),
             since: 0,

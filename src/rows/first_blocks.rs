@@ -6,8 +6,8 @@
 //! long: through encoders of 13 bits, θ₅ and θ₉ of the arm had 2 to 10 times the Cramér–Rao bound
 //! after ten blocks. It may also look like knowledge: half a second of slow motion fits best with a
 //! length θ₉ of 8 m instead of 1 m, around which θ₆ seems to be known to 10 %, and the next blocks,
-//! which correct θ₉, cannot undo that. Four blocks as one are fitted with one θ, which is also that
-//! of their weights.
+//! which correct θ₉, cannot undo that (`tests/numerics/first_blocks.rs`). Four blocks as one are
+//! fitted with one θ, which is also that of their weights.
 
 use crate::model::JointSample;
 
@@ -29,19 +29,19 @@ pub struct FirstBlocks {
 }
 
 impl FirstBlocks {
-    /// Samples that must fit into rows for blocks of `block_len`: those of the first blocks as one,
-    /// or of a single block if it is too long to be learnt twice.
-    pub fn samples(block_len: usize) -> usize {
-        if block_len <= LONGEST {
-            BLOCKS * block_len
-        } else {
-            block_len
-        }
+    /// Samples that are kept of blocks of `block_len`; 0 if these are too long.
+    pub fn kept(block_len: usize) -> usize {
+        if block_len <= LONGEST { BLOCKS * block_len } else { 0 }
     }
 
-    /// Room for blocks of `block_len` samples of so many joints; none if these are too long.
+    /// Samples that rows must hold: those of the first blocks as one, or of a single long block.
+    pub fn room(block_len: usize) -> usize {
+        Self::kept(block_len).max(block_len)
+    }
+
+    /// Room for blocks of `block_len` samples of so many joints.
     pub fn new(joints: usize, block_len: usize) -> Self {
-        let samples = if block_len <= LONGEST { BLOCKS * block_len } else { 0 };
+        let samples = Self::kept(block_len);
         Self {
             t_ns: Vec::with_capacity(samples),
             signals: Vec::with_capacity(3 * joints * samples),

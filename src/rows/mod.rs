@@ -92,11 +92,11 @@ pub trait SampleBlock: Residuals {
     }
     /// Forgets θ, as before the first block.
     fn forget_theta(&mut self) {}
-    /// θ is known: rows from now on are weighted with what [`prepare`](Self::prepare) is given.
-    fn know_theta(&mut self) {}
     /// Room for the first blocks, which are learnt again as one; none if the weights of the rows do
     /// not depend on θ. There must be room for the samples of all these blocks in this one.
     fn first_blocks(&self) -> FirstBlocks {
         FirstBlocks::default()
     }
+    /// θ is known: rows from now on are weighted with what [`prepare`](Self::prepare) is given.
+    fn know_theta(&mut self) {}
 }

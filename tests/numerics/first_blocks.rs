@@ -7,7 +7,6 @@ use thetabus::studies::trials::{Trial, TrialResult};
 const CHIRP: &str = r#"
 plant.seed=2013
 plant.duration_s=30.0
-plant.mass_2.t_s=[0.0]
 plant.mass_2.mass_kg=[133.0]
 plant.sensors.encoder_bits=15
 plant.sensors.input_noise_v=0.0914
@@ -24,12 +23,6 @@ plant.setpoint.kind="chirp"
 plant.setpoint.chirp.amplitude_rad=[0.516, 0.4]
 plant.setpoint.chirp.end_frequency_hz=[1.95, 1.01]
 plant.setpoint.chirp.sweep_s=[20.7, 21.6]
-model.known.length_1_m=0.588
-model.known.winding_resistance_ohm=[0.0496, 0.809]
-model.known.torque_constant_n_m_per_a=[4.73, 14.9]
-identifier.projected.window_s="auto"
-identifier.projected.position_resolution=[1.91748e-4]
-identifier.projected.input_noise=[0.0914]
 estimator.block_len=1000
 estimator.theta_start=[0.001, 0.001, 0.03, 0.2, 5.0, 0.01, 2.0, 10.0, 0.5]
 "#;
@@ -38,45 +31,55 @@ estimator.theta_start=[0.001, 0.001, 0.03, 0.2, 5.0, 0.01, 2.0, 10.0, 0.5]
 const TRAPEZOIDS: &str = r#"
 plant.seed=2074
 plant.duration_s=20.0
-plant.mass_2.t_s=[0.0]
-plant.mass_2.mass_kg=[10.960137964010485]
+plant.mass_2.mass_kg=[10.9601]
 plant.sensors.encoder_bits=20
-plant.sensors.input_noise_v=0.1987176174299477
-plant.controller.proportional_gain_v_per_rad=[118.39649768363817, 43.356676959315976]
-plant.controller.derivative_gain_v_s_per_rad=[19.363525138782798, 5.279941783062844]
-plant.arm.length_1_m=0.9087093077287348
-plant.arm.mass_1_kg=179.275723096644
-plant.arm.length_2_m=0.9942495080448125
-plant.arm.winding_resistance_ohm=[1.5966160522329562, 0.5532933110816087]
-plant.arm.winding_inductance_h=[0.004926469335525204, 0.00448519125462928]
-plant.arm.torque_constant_n_m_per_a=[10.828581114400356, 5.860679107178214]
-plant.arm.back_emf_constant_v_s_per_rad=[10.828581114400356, 5.860679107178214]
+plant.sensors.input_noise_v=0.198718
+plant.controller.proportional_gain_v_per_rad=[118.396, 43.3567]
+plant.controller.derivative_gain_v_s_per_rad=[19.3635, 5.27994]
+plant.arm.length_1_m=0.908709
+plant.arm.mass_1_kg=179.276
+plant.arm.length_2_m=0.99425
+plant.arm.winding_resistance_ohm=[1.59662, 0.553293]
+plant.arm.winding_inductance_h=[0.00492647, 0.00448519]
+plant.arm.torque_constant_n_m_per_a=[10.8286, 5.86068]
+plant.arm.back_emf_constant_v_s_per_rad=[10.8286, 5.86068]
 plant.setpoint.kind="moves"
 plant.setpoint.moves.profile="trapezoidal"
-plant.setpoint.moves.min_rad=[-0.9938544258075224, -0.8]
-plant.setpoint.moves.max_rad=[0.9938544258075224, 0.8]
-plant.setpoint.moves.min_move_s=[2.2042354000338387, 2.2042354000338387]
-plant.setpoint.moves.max_move_s=[4.267521591093785, 4.267521591093785]
+plant.setpoint.moves.min_rad=[-0.993854, -0.8]
+plant.setpoint.moves.max_rad=[0.993854, 0.8]
+plant.setpoint.moves.min_move_s=[2.20424, 2.20424]
+plant.setpoint.moves.max_move_s=[4.26752, 4.26752]
 plant.setpoint.moves.min_rest_s=[0.2, 0.2]
 plant.setpoint.moves.max_rest_s=[2.0, 2.0]
-model.known.length_1_m=0.9087093077287348
-model.known.winding_resistance_ohm=[1.5966160522329562, 0.5532933110816087]
-model.known.torque_constant_n_m_per_a=[10.828581114400356, 5.860679107178214]
-identifier.projected.window_s="auto"
-identifier.projected.position_resolution=[5.992112452678286e-6]
-identifier.projected.input_noise=[0.1987176174299477]
 estimator.block_len=500
-estimator.theta_start=[0.13926835500408719, 0.0075989042096208164, 38.910184749169744, 1.1317561417239526, 17.105788632977635, 0.00927719242591352, 2.5019689566675325, 9.798831228163646, 0.7622791394959659]
+estimator.theta_start=[0.139268, 0.0075989, 38.9102, 1.13176, 17.1058, 0.00927719, 2.50197, 9.79883, 0.762279]
 "#;
 
+/// A run with these settings; the identifier knows the sensors' noise and the machine's constants.
 fn run(settings: &str) -> TrialResult {
     let sources: Vec<Source> = Config::embedded("encoder_only").into_iter().collect();
-    let settings: Vec<String> = settings
+    let mut all: Vec<String> = settings
         .lines()
         .filter(|line| !line.is_empty())
         .map(str::to_owned)
         .collect();
-    let config = Config::load(&sources, &settings).unwrap();
+    all.extend(["plant.mass_2.t_s=[0.0]", "identifier.projected.window_s=\"auto\""].map(str::to_owned));
+    let sim = Config::load(&sources, &all).unwrap().plant.sim;
+    let (sensors, arm) = (&sim.sensors, &sim.arm);
+    all.extend([
+        format!(
+            "identifier.projected.position_resolution=[{:?}]",
+            sensors.resolution_rad()
+        ),
+        format!("identifier.projected.input_noise=[{:?}]", sensors.input_noise_v),
+        format!("model.known.length_1_m={:?}", arm.length_1_m),
+        format!("model.known.winding_resistance_ohm={:?}", arm.winding_resistance_ohm),
+        format!(
+            "model.known.torque_constant_n_m_per_a={:?}",
+            arm.torque_constant_n_m_per_a
+        ),
+    ]);
+    let config = Config::load(&sources, &all).unwrap();
     let parameters = config.model.parameters();
     let names: Vec<String> = parameters.iter().map(|parameter| parameter.name.to_string()).collect();
     let mut node = config.identifier().unwrap();
@@ -90,8 +93,8 @@ fn run(settings: &str) -> TrialResult {
     trial.run(learn).unwrap()
 }
 
-/// Learnt one after the other, these blocks gave an inductance of joint 2 of a quarter and of twice
-/// its value, usable in 20 blocks, at 20 to 130 standard deviations.
+/// If the first blocks were learnt only one after the other, the inductance of joint 2 was usable in
+/// 15 and 30 blocks while it was 77 and 74 % off, up to 98 and 16 standard deviations.
 #[test]
 fn prop_what_short_first_blocks_leave_open_does_not_look_like_knowledge() {
     for (name, settings) in [("chirp", CHIRP), ("trapezoids", TRAPEZOIDS)] {

@@ -44,8 +44,8 @@ impl Samples {
         let reach = (half + 2 * form.velocity.half).max(form.kernels.input_half + BEFORE_JUMP);
         let history = 2 * reach + stride;
         // a stream may bring a few more grid values than samples
-        let samples = FirstBlocks::samples(block_len);
-        let capacity = history + samples + samples / 16 + 4 * BRIDGED;
+        let room = FirstBlocks::room(block_len);
+        let capacity = history + room + room / 16 + 4 * BRIDGED;
         let joints = form.plant.joints();
         Self {
             signals: Trajectory::new(joints, form.separation.features, capacity),

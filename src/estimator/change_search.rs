@@ -167,7 +167,12 @@ impl ChangeSearch<'_> {
     pub fn widen(&mut self, joined: IndexSet, lines: IndexSet) -> (Range<usize>, Fit) {
         self.fit_alone(joined);
         let between = Change::over_the_block(ChangeKind::Between, self.rows);
-        self.refit(joined, lines, between, 0)
+        let (used, fit) = self.refit(joined, lines, between, 0);
+        // the sums over the errors are still those at the estimate before
+        for (_, group) in self.groups.iter_mut().enumerate().filter(|(k, _)| joined.contains(*k)) {
+            group.suspect(self.rows, used.clone(), self.theta);
+        }
+        (used, fit)
     }
 
     /// Fits the block alone; true if only noise remains in the groups of `joined`.

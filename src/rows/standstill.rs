@@ -240,6 +240,13 @@ impl Standstill {
         }
     }
 
+    /// True if the equation does not hold in a part of these samples.
+    pub fn is_within(&self, equation: usize, samples: &Range<usize>) -> bool {
+        let overlap = |rest: &(usize, usize)| rest.0 < samples.end && samples.start < rest.1;
+        let mut joints = self.rests.iter().enumerate();
+        joints.any(|(joint, rests)| self.motion[equation] >> joint & 1 == 1 && rests.iter().any(overlap))
+    }
+
     /// True if the equation does not hold in the row.
     #[inline]
     pub fn is_spoilt(&self, equation: usize, row: usize) -> bool {

@@ -15,8 +15,10 @@ use std::f64::consts::TAU;
 
 /// Range of an input in standard deviations of its noise, at least.
 const RANGE: f64 = 400.0;
-/// Ratio of the velocity's root mean square to that of its noise above which a joint moves.
-const MOVING: f64 = 20.0;
+/// Ratio of the velocity's root mean square in a block to that of its noise above which the joint
+/// has moved, and above which the velocity of most samples is hardly noise.
+const MOVED: f64 = 4.0;
+const CLEAR: f64 = 20.0;
 
 /// Sizes of the signals of a stream, and the errors considered relative to them.
 #[derive(Debug, Clone)]
@@ -27,11 +29,29 @@ pub(super) struct SuspectSizes {
     travels: [f64; MAX_JOINTS],
     /// Standard deviation of the noise of each joint's input.
     input_noises: [f64; MAX_JOINTS],
-    /// Root mean square of the velocity that belongs to each equation, in the first block in which
-    /// the joint moved; 0 until then.
-    speeds: Vec<f64>,
-    /// The largest root mean square of that velocity so far, of blocks in which the joint moved.
-    fastest: Vec<f64>,
+    /// Of each equation.
+    speeds: Vec<Speeds>,
+}
+
+/// Root mean squares of the velocity that belongs to an equation; 0 until there is such a block.
+#[derive(Debug, Clone, Copy, Default)]
+struct Speeds {
+    /// In the first block in which the velocity was clear of noise.
+    clear: f64,
+    /// The largest of the blocks in which the joint moved, without the noise.
+    fastest: f64,
+}
+
+impl Speeds {
+    /// Takes the root mean squares of a block, and of the noise in it.
+    fn sense(&mut self, own: f64, noise: f64) {
+        if own > MOVED * noise {
+            self.fastest = self.fastest.max((own * own - noise * noise).sqrt());
+        }
+        if own > CLEAR * noise && self.clear == 0.0 {
+            self.clear = own;
+        }
+    }
 }
 
 impl SuspectSizes {
@@ -42,16 +62,14 @@ impl SuspectSizes {
             inputs: [0.0; MAX_JOINTS],
             travels: [0.0; MAX_JOINTS],
             input_noises: [0.0; MAX_JOINTS],
-            speeds: vec![0.0; equations],
-            fastest: vec![0.0; equations],
+            speeds: vec![Speeds::default(); equations],
         }
     }
 
     /// Forgets the stream.
     pub fn reset(&mut self) {
         (self.inputs, self.travels) = ([0.0; MAX_JOINTS], [0.0; MAX_JOINTS]);
-        self.speeds.fill(0.0);
-        self.fastest.fill(0.0);
+        self.speeds.fill(Speeds::default());
     }
 
     /// Takes the input and the positions of a joint in a block; `input_noise` is the standard
@@ -64,17 +82,11 @@ impl SuspectSizes {
 
     /// Takes the velocity that belongs to an equation in a block; its noise is `velocity_gain`
     /// times that of the positions, whose standard deviations are `q_std`. Returns the velocity's
-    /// root mean square in the first block in which the joint moved; 0 until then.
+    /// root mean square in the first block in which it was clear of noise; 0 until then.
     pub fn sense_speed(&mut self, e: usize, dq: &[f64], q_std: &[f64], velocity_gain: f64) -> f64 {
-        let speed = &mut self.speeds[e];
-        let (own, noise) = (root_mean_square(dq), velocity_gain * root_mean_square(q_std));
-        if own > MOVING * noise {
-            self.fastest[e] = self.fastest[e].max(own);
-            if *speed == 0.0 {
-                *speed = own;
-            }
-        }
-        *speed
+        let speeds = &mut self.speeds[e];
+        speeds.sense(root_mean_square(dq), velocity_gain * root_mean_square(q_std));
+        speeds.clear
     }
 
     /// Standard deviation of an error's amplitude, 0 if it is only tested for.
@@ -113,7 +125,7 @@ impl SuspectSizes {
 
     /// The size of a joint's input over the speed of the error's equation; 0 before it moved.
     fn per_speed(&self, suspect: usize, size: f64) -> f64 {
-        match SuspectPlaces::within(suspect).map_or(0.0, |(e, _)| self.speeds[e]) {
+        match SuspectPlaces::within(suspect).map_or(0.0, |(e, _)| self.speeds[e].clear) {
             0.0 => 0.0,
             speed => size / speed,
         }
@@ -129,8 +141,29 @@ impl SuspectSizes {
         let own = through_drives.iter().enumerate().filter_map(|(e, own)| {
             let back_emf = own.as_ref()?.back_emf().filter(|own| own.parameter == parameter)?;
             let of_input = self.considered.friction_in_back_emf * self.inputs[places.inputs[e]];
-            (self.fastest[e] > 0.0).then(|| (of_input / self.fastest[e] * back_emf.per_friction).powi(2))
+            let fastest = self.speeds[e].fastest;
+            (fastest > 0.0).then(|| (of_input / fastest * back_emf.per_friction).powi(2))
         });
         own.sum::<f64>().sqrt()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn val_a_joint_has_moved_long_before_each_of_its_velocities_is_clear() {
+        let mut speeds = Speeds::default();
+        speeds.sense(3.9, 1.0);
+        assert_eq!((speeds.fastest, speeds.clear), (0.0, 0.0));
+        speeds.sense(5.0, 1.0);
+        assert!((speeds.fastest - 24f64.sqrt()).abs() < 1e-12);
+        assert_eq!(speeds.clear, 0.0);
+        // the first clear one stays
+        speeds.sense(21.0, 1.0);
+        speeds.sense(25.0, 1.0);
+        assert_eq!(speeds.clear, 21.0);
+        assert!((speeds.fastest - 624f64.sqrt()).abs() < 1e-12);
     }
 }

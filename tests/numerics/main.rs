@@ -42,6 +42,8 @@ mod relations;
 mod robot;
 #[cfg(all(feature = "robot", feature = "studies"))]
 mod robot_study;
+#[cfg(feature = "config")]
+mod short_moves;
 #[cfg(feature = "sim")]
 mod sim;
 #[cfg(feature = "sim")]

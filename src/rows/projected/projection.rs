@@ -142,7 +142,7 @@ impl Projection {
         self.rows.forget();
         // the windows at the end use only the configured delay
         if self.block.form.delay.is_none() {
-            self.tail.project(&self.block, theta);
+            self.tail.project(&self.block, &self.standstill, theta);
         }
     }
 
@@ -300,15 +300,7 @@ impl Residuals for Projection {
     }
 
     fn tail(&self, equation: usize, k: usize, theta: &[f64]) -> Option<f64> {
-        let rests = self
-            .len()
-            .checked_sub(1)
-            .is_none_or(|last| self.standstill.is_spoilt(equation, last));
-        if rests {
-            None
-        } else {
-            self.tail.residual(&self.block.form.separation, equation, k, theta)
-        }
+        self.tail.residual(&self.block.form.separation, equation, k, theta)
     }
 
     fn row_forward(&self, equation: usize, index: usize, theta: &[f64], regressor: &mut [f64]) -> f64 {

@@ -24,6 +24,7 @@ use crate::rows::partials::{LANES, Partials};
 use crate::rows::passes::Terms;
 use crate::rows::separation::Separation;
 use crate::rows::smoothing::beyond;
+use crate::rows::standstill::Standstill;
 use crate::rows::theta_polynomial::MAX_ORDER;
 
 /// Windows per equation.
@@ -107,8 +108,9 @@ impl Tail {
         self.variance.fill([0.0; COUNT]);
     }
 
-    /// Projects the end of a block; `theta` is that of the weights.
-    pub fn project(&mut self, end: &MeasuredBlock, theta: &[f64]) {
+    /// Projects the end of a block, except windows over a rest at which the equation does not hold;
+    /// `theta` is that of the weights.
+    pub fn project(&mut self, end: &MeasuredBlock, standstill: &Standstill, theta: &[f64]) {
         self.clear();
         let spare = if end.samples.repair.touched() { UNSURE } else { 0 };
         let late = self.kernels.iter().map(|k| k.after).max().unwrap_or(0);
@@ -125,7 +127,9 @@ impl Tail {
                 let signals = &end.samples.signals;
                 end.reversals.jumps(&end.form, signals, e, theta, &mut self.jumps);
                 for k in 0..COUNT {
-                    self.project_window(end, e, k, stop, theta);
+                    if !standstill.is_within(e, &(stop - self.kernels[k].count..stop)) {
+                        self.project_window(end, e, k, stop, theta);
+                    }
                 }
             }
         }

@@ -57,3 +57,5 @@ mod timing;
 mod trials;
 #[cfg(feature = "sim")]
 mod unmodelled;
+#[cfg(feature = "studies")]
+mod whole_runs;

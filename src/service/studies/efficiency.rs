@@ -67,7 +67,7 @@ fn configuration(spec: &Spec, more: &[String]) -> Result<Config, Failure> {
             settings.push("plant.mass_2.t_s=[0.0]".to_owned());
             settings.push(format!("plant.mass_2.mass_kg=[{first_kg:?}]"));
         }
-        Spec::Axis(_) => {
+        Spec::Axis(_) | Spec::RandomAxis(_) => {
             settings.push("plant.controller.kind=\"sampled\"".to_owned());
             settings.push("identifier.projected.timing=\"held\"".to_owned());
         }

@@ -2,6 +2,7 @@
 
 use super::axis::{AxisMotion, AxisSpec};
 use super::disturbance::Disturbance;
+use super::random_axis::{RandomAxisMotion, RandomAxisSpec};
 use super::spec::{Arm, Motion, TrialSpec};
 
 /// Headings of the tables.
@@ -16,16 +17,19 @@ const ALONE: &str = "No error considered";
 const MENDED: &str = "Model mended";
 const AXIS: &str = "Servo axis with friction";
 const AXIS_WRONG: &str = "Servo axis, model wrong";
+const RANDOM_AXES: &str = "Servo axes drawn at random";
 /// v_s of friction that falls with speed \[mm/s\]; the mean speed of the axis is 0.1 m/s.
 const STRIBECK_SPEEDS: [u32; 3] = [5, 20, 50];
 
-/// A trial of either machine.
+/// A trial of one of the machines.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Spec {
     /// The arm.
     Arm(TrialSpec),
     /// The servo axis.
     Axis(AxisSpec),
+    /// A servo axis that the seed draws.
+    RandomAxis(RandomAxisSpec),
 }
 
 /// Trials that differ only in their seed.
@@ -52,6 +56,11 @@ impl Spec {
                 blocks: blocks.unwrap_or(spec.blocks),
                 ..spec
             }),
+            Self::RandomAxis(spec) => Self::RandomAxis(RandomAxisSpec {
+                seed,
+                blocks: blocks.unwrap_or(spec.blocks),
+                ..spec
+            }),
         }
     }
 
@@ -59,7 +68,7 @@ impl Spec {
     pub fn basis(&self) -> &'static str {
         match self {
             Self::Arm(_) => "encoder_only",
-            Self::Axis(_) => "servo_axis",
+            Self::Axis(_) | Self::RandomAxis(_) => "servo_axis",
         }
     }
 
@@ -68,6 +77,7 @@ impl Spec {
         match self {
             Self::Arm(spec) => spec.settings(),
             Self::Axis(spec) => spec.settings(),
+            Self::RandomAxis(spec) => spec.settings(),
         }
     }
 
@@ -76,6 +86,7 @@ impl Spec {
         match self {
             Self::Arm(spec) => spec.words(),
             Self::Axis(spec) => spec.words(),
+            Self::RandomAxis(spec) => spec.words(),
         }
     }
 
@@ -84,6 +95,7 @@ impl Spec {
         match self {
             Self::Arm(spec) => spec.disturbance,
             Self::Axis(spec) => spec.disturbance,
+            Self::RandomAxis(_) => Disturbance::None,
         }
     }
 }
@@ -108,13 +120,21 @@ impl Case {
         }
     }
 
-    /// Cases of the axis.
+    /// Cases of the axes.
     fn axes() -> impl Iterator<Item = Self> {
         let right = AxisMotion::ALL.map(|motion| Self::axis(AXIS, motion, Disturbance::None));
         let wrong = STRIBECK_SPEEDS.into_iter().flat_map(|speed| {
             AxisMotion::ALL.map(|motion| Self::axis(AXIS_WRONG, motion, Disturbance::Stribeck(speed)))
         });
-        right.into_iter().chain(wrong)
+        let random = RandomAxisMotion::ALL.map(|motion| Self {
+            group: RANDOM_AXES,
+            spec: Spec::RandomAxis(RandomAxisSpec {
+                motion,
+                blocks: 40,
+                seed: 0,
+            }),
+        });
+        right.into_iter().chain(wrong).chain(random)
     }
 
     /// The name: words with slashes between them.

@@ -168,7 +168,7 @@ impl ChangeSearch<'_> {
         self.fit_alone(joined);
         let between = Change::over_the_block(ChangeKind::Between, self.rows);
         let (used, fit) = self.refit(joined, lines, between, 0);
-        // the sums over the errors are still those at the estimate before
+        // considered errors were summed at the fit before the alarm
         for (_, group) in self.groups.iter_mut().enumerate().filter(|(k, _)| joined.contains(*k)) {
             group.suspect(self.rows, used.clone(), self.theta);
         }

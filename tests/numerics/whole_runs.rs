@@ -154,8 +154,8 @@ fn ident_noise_in_the_regressors_of_creeping_joints_is_not_taken_for_knowledge()
 
 /// With a constant torque to estimate, and a joint that stays within 0.5 rad, hardly anything tells
 /// the weight from the torque: θ₇ and θ₉ are open along θ₇θ₉ = const. Without the coordinates of
-/// `estimator/curvature.rs`, such runs have dangerous blocks, with θ₉ 15 % off at 12 standard
-/// deviations, or never become usable (docs/method.md, section 8).
+/// `estimator/curvature.rs`, θ₉ is 15 % off at 12 standard deviations in some of these runs,
+/// and others never become usable (docs/method.md, section 8).
 #[test]
 fn ident_a_curve_that_the_data_leave_open_is_not_taken_for_known() {
     for seed in [2, 3, 5, 6] {
@@ -214,8 +214,8 @@ fn ident_an_offset_near_zero_is_known_and_usable() {
 
 /// If the noise of the relation between the ratios of a winding were charged to viscous friction,
 /// which is considered and absent here, θ₅ would have seven times its Cramér–Rao bound. The root
-/// mean square over four seeds is within 35 % of its expectation, so 2 is three of its standard
-/// deviations above 1.
+/// mean square over four seeds has a standard deviation of 35 % of its expectation, which is 1
+/// bound, so a limit of 2 is three standard deviations away.
 #[test]
 fn ident_friction_that_is_only_considered_costs_no_accuracy() {
     let (mut squares, mut marks) = (0.0, 0);
@@ -234,7 +234,7 @@ fn ident_friction_that_is_only_considered_costs_no_accuracy() {
     assert!(marks > 0 && ratio < 2.0, "{ratio}");
 }
 
-/// Nothing informs on a joint that never moves; the other one is as well known as ever.
+/// If a joint never moves, its parameters stay unknown, and those of the other joint are usable.
 #[test]
 fn ident_a_joint_that_never_moves_keeps_only_its_own_parameters_from_use() {
     for (still, own) in [(0, 0..5), (1, 5..9)] {

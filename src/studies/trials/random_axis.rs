@@ -63,7 +63,8 @@ impl RandomAxisSpec {
 
     /// Overrides of the configuration `servo_axis`.
     pub fn settings(&self) -> Vec<String> {
-        let mut draw = Draw(Random(self.seed * 8 + self.motion as u64));
+        // another machine for each seed and each of the six motions
+        let mut draw = Draw(Random(self.seed.wrapping_mul(8).wrapping_add(self.motion as u64)));
         let period_s = draw.of(&[0.0005, 0.001, 0.001, 0.002, 0.004]);
         let block_len = draw.of(&[500.0, 1000.0, 1900.0, 4000.0]);
         let duration_s = self.blocks as f64 * block_len * period_s;
@@ -186,7 +187,7 @@ impl RandomAxisSpec {
     }
 }
 
-/// Draws.
+/// Random numbers of the distributions that machines are drawn from.
 struct Draw(Random);
 
 impl Draw {

@@ -135,6 +135,8 @@ pub(super) fn identification(
         payload_friction: section.payload_friction,
         zero_rad: section.zero_rad,
         delay_s: section.delay_s,
+        friction_shape: section.friction_shape,
+        spring_share: section.spring_share,
         ..IdentifyOptions::default()
     };
     // Reports errors of the options now, not after the log has been read.

@@ -4,7 +4,7 @@ use super::block_scatter_room::BlockScatter;
 use super::friction_drift::FrictionDrift;
 use super::identify_options::IdentifyOptions;
 use super::learning::{Arm, Beyond, Learner};
-use super::left_out_room::{LeftOut, LeftOutCause};
+use super::left_out_room::{LeftOut, LeftOutCause, Priors};
 use super::recent_blocks::RecentBlocks;
 use super::state::RobotSample;
 use super::torque_counts::TorqueCounts;
@@ -25,7 +25,7 @@ impl Allowances {
     pub fn new(arm: &Arm, beyond: &Beyond, options: &IdentifyOptions) -> Self {
         let friction = arm.model.parameters().len();
         let Beyond { terms, n, acting, .. } = beyond;
-        let priors = (options.zero_rad, options.delay_s);
+        let priors = Priors::new(options);
         let (empty, blocks) = (arm.empty_sums(), RecentBlocks::CAPACITY);
         Self {
             left_out: (!terms.is_empty()).then(|| LeftOut::new(terms.clone(), priors, *n, *acting)),

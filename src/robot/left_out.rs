@@ -18,7 +18,8 @@
 //! z_c² ≤ U_c²/(I_cc x),    x = Σ u²/Σ dᵀΛ_block d over the last blocks,
 //!     u = dᵀ(b − A θ_all) of a block,  d = e_c − v_c                                            (8)
 //! |U_c| less 1.5 |B_c − v_cᵀ B|,    B the bias by errors of the positions                        (9)
-//! P ← P + v_c v_cᵀ (s + (s U_c/x)²),  s = 1/(1/σ_c² + I_cc/x)    over delay and Stribeck speeds   (10)
+//! P ← P + v_c v_cᵀ (s + (s U_c/x)²),  s = 1/(1/σ_c² + I_cc/x)    over terms with a prior       (10)
+//! σ_c = β (|f_v| √(Λ_vv/Λ_cc) + |f_c| √(Λ_ff/Λ_cc))    of drag, asymmetry and spring           (11)
 //! ```
 //!
 //! (1) is the efficient score: the part of c that the estimated parameters can imitate is removed.
@@ -48,9 +49,16 @@
 //! repeats itself: then z stays below 4 although viscous friction is significantly wrong. (10) is
 //! (7) with what the residuals say of the delay.
 //!
+//! Drag bends the line of friction over speed. Fitted by a straight line, drag of a tenth of the
+//! viscous friction hardly shows in the residuals of one joint, but viscous friction is off by that
+//! tenth, 5 to 12 standard deviations. Asymmetric friction does the same, and a spring to the
+//! moments of the links. So (10) includes them. By (11) their torque over the motion is β of the
+//! joint's viscous and Coulomb friction, Λ_ff being the information on Coulomb friction. A larger β
+//! changes little, because the residuals limit these terms.
+//!
 //! Another speed of Stribeck friction has two columns, with a third and with three times the
 //! speed, which together approximate any between; without them, Coulomb friction would be
-//! significantly wrong. Its σ_c is [`BENT`] of the Coulomb friction.
+//! significantly wrong. Its σ_c is β of the Coulomb friction.
 //!
 //! With thirty terms and about a hundred blocks, noise alone names a term in at most one of 1e5
 //! runs; the rest of the margin is for friction that (1) of `friction.rs` does not describe.
@@ -80,8 +88,6 @@ const LEAST_ERROR: f64 = 0.0025;
 const TELLING: f64 = 0.2;
 /// Factor on the bias by errors of the positions that is subtracted from a score.
 const ALLOWED: f64 = 1.5;
-/// Standard deviation of the amplitude of another Stribeck speed, as a share of Coulomb friction.
-const BENT: f64 = 0.02;
 /// Standard deviations of a zero or a tilt above which it is named.
 const NOT_CONSIDERED: f64 = 3.0;
 /// Standard deviations allow only for terms whose information is well above rounding.
@@ -135,7 +141,7 @@ impl LeftOut {
                 } else {
                     (information / excess, score / excess)
                 };
-                self.consider_with_prior(place, c, self.std_of(what, learner), evidence);
+                self.consider_with_prior(place, c, self.std_of(what, index, learner), evidence);
                 place += 1;
             }
             if is_believed {
@@ -158,7 +164,7 @@ impl LeftOut {
     ) -> Option<LeftOutCause> {
         let (n, what) = (learner.estimate.n(), self.terms[c].what);
         let least = self.found.map_or(limits.0, |found| found.deviations);
-        let is_large = !what.is_considered() || amplitude.abs() > NOT_CONSIDERED * self.zero_rad; // (7)
+        let is_large = !what.is_considered() || amplitude.abs() > NOT_CONSIDERED * self.priors.zero_rad; // (7)
         let harm = harm(learner, &self.shifts[c * n..(c + 1) * n], amplitude);
         let (is_harmful, is_useless) = (harm > limits.1, !knows_any(&learner.estimate));
         if !(is_large && deviations > least && (is_harmful || is_useless)) {
@@ -183,15 +189,33 @@ impl LeftOut {
         })
     }
 
-    /// σ_c of (10).
-    fn std_of(&self, what: Unmodelled, learner: &Learner) -> f64 {
-        let Unmodelled::StribeckSpeed { joint, .. } = what else {
-            return self.delay_s;
+    /// σ_c of (10) of the term with this index.
+    fn std_of(&self, what: Unmodelled, index: usize, learner: &Learner) -> f64 {
+        let (model, priors) = (&learner.arm.model, &self.priors);
+        let information = |i: usize| learner.system.matrix[i * learner.estimate.n() + i];
+        let friction = |joint: usize, of: FrictionTerm| {
+            let mut terms = model.friction()[joint].terms.iter().zip(model.friction_of(joint));
+            terms.find(|(term, _)| **term == of).map(|(_, i)| i)
         };
-        let model = &learner.arm.model;
-        let mut terms = model.friction()[joint].terms.iter().zip(model.friction_of(joint));
-        let coulomb = terms.find(|(term, _)| **term == FrictionTerm::Coulomb);
-        coulomb.map_or(0.0, |(_, i)| BENT * learner.estimate.theta()[i].abs())
+        let size = |i: usize| learner.estimate.theta()[i].abs();
+        match what {
+            Unmodelled::StribeckSpeed { joint, .. } => {
+                priors.friction_shape * friction(joint, FrictionTerm::Coulomb).map_or(0.0, size)
+            }
+            // without motion the term has no information, and no effect
+            Unmodelled::Friction { .. } if !(information(index) > 0.0) => 0.0,
+            Unmodelled::Friction { joint, term } => {
+                let share = match term {
+                    FrictionTerm::Spring => priors.spring_share,
+                    _ => priors.friction_shape,
+                };
+                let over = |i: usize| size(i) * (information(i) / information(index)).sqrt();
+                let of = |term| friction(joint, term).map_or(0.0, over);
+                share * (of(FrictionTerm::Viscous) + of(FrictionTerm::Coulomb)) // (11)
+            }
+            Unmodelled::Zero { .. } | Unmodelled::Tilt => priors.zero_rad,
+            Unmodelled::Delay => priors.delay_s,
+        }
     }
 
     /// x of (8).

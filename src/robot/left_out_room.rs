@@ -1,6 +1,7 @@
 //! Workspace of the test for missing terms, allocated at the start; (1) to (10) are those of
 //! [`left_out`](super::left_out).
 
+use super::identify_options::IdentifyOptions;
 use super::information::Information;
 use super::unmodelled::{LeftOutTerm, Unmodelled};
 use crate::estimator::linalg::{Cholesky, dot};
@@ -51,6 +52,31 @@ impl std::fmt::Display for LeftOutCause {
     }
 }
 
+/// Standard deviations of what is known in advance to be small.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct Priors {
+    /// Of zeros and tilts \[rad\].
+    pub zero_rad: f64,
+    /// Of the delay \[s\].
+    pub delay_s: f64,
+    /// β: of drag, asymmetric friction and another Stribeck speed, as a share of friction.
+    pub friction_shape: f64,
+    /// β of a spring.
+    pub spring_share: f64,
+}
+
+impl Priors {
+    /// Those of the options.
+    pub fn new(options: &IdentifyOptions) -> Self {
+        Self {
+            zero_rad: options.zero_rad,
+            delay_s: options.delay_s,
+            friction_shape: options.friction_shape,
+            spring_share: options.spring_share,
+        }
+    }
+}
+
 /// The missing terms, and the workspace of the test.
 #[derive(Debug, Clone)]
 pub(super) struct LeftOut {
@@ -62,10 +88,7 @@ pub(super) struct LeftOut {
     believed: usize,
     /// v_c times the standard deviation of c, for considered errors.
     considered: Vec<f64>,
-    /// Standard deviation of zeros and tilts \[rad\].
-    pub zero_rad: f64,
-    /// Standard deviation of the delay \[s\].
-    pub delay_s: f64,
+    pub priors: Priors,
     /// The effects (10) of the terms with a prior on the estimates.
     with_prior: Vec<f64>,
     /// U, I and ĉ_all.
@@ -86,13 +109,12 @@ pub(super) struct LeftOut {
 impl LeftOut {
     /// Workspace for `terms`; `n` is the number of parameters and terms together, and rows depend
     /// on `acting` effective parameters.
-    pub fn new(terms: Vec<LeftOutTerm>, (zero_rad, delay_s): (f64, f64), n: usize, acting: usize) -> Self {
+    pub fn new(terms: Vec<LeftOutTerm>, priors: Priors, n: usize, acting: usize) -> Self {
         let k = terms.len();
         let considered = terms.iter().filter(|term| term.what.is_considered()).count();
         Self {
             considered: vec![0.0; considered * n],
-            zero_rad,
-            delay_s,
+            priors,
             with_prior: vec![0.0; terms.iter().filter(|term| term.what.has_prior()).count() * n],
             terms,
             found: None,
@@ -155,7 +177,7 @@ impl LeftOut {
         let of = shifts.filter(|(term, _)| term.what.is_considered());
         for (kept, (_, shift)) in self.considered.chunks_exact_mut(n).zip(of) {
             for (kept, v) in kept.iter_mut().zip(shift) {
-                *kept = v * self.zero_rad; // (7)
+                *kept = v * self.priors.zero_rad; // (7)
             }
         }
     }
@@ -260,7 +282,7 @@ mod tests {
             index,
             scale: 1.0,
         };
-        let mut left_out = LeftOut::new(vec![term(3), term(4)], (0.0, 0.0), n, n);
+        let mut left_out = LeftOut::new(vec![term(3), term(4)], Priors::default(), n, n);
         assert!(left_out.solve(&known, &covariance, &theta));
         for (left_out, all) in left_out.theta.iter().zip(&all) {
             assert!((left_out - all).abs() < 1e-7, "{left_out} {all}");

@@ -45,7 +45,11 @@ impl Unmodelled {
 
     /// True for what is known in advance to be small.
     pub(super) fn has_prior(self) -> bool {
-        matches!(self, Self::StribeckSpeed { .. } | Self::Delay)
+        match self {
+            Self::Friction { term, .. } => term.is_rare(),
+            Self::StribeckSpeed { .. } | Self::Delay => true,
+            Self::Zero { .. } | Self::Tilt => false,
+        }
     }
 
     /// True for what only bends the curve of friction over speed, as every real gear does a little.

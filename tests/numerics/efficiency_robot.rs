@@ -174,6 +174,8 @@ fn regress_the_study_has_the_shipped_robot() {
     let shipped = IdentifyOptions {
         zero_rad: 0.0,
         delay_s: 0.0,
+        friction_shape: 0.0,
+        spring_share: 0.0,
         payload: config.payload,
         ..config.options
     };

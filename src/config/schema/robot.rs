@@ -143,6 +143,10 @@ table! {
             "Standard deviation of the encoders' zeros and of the direction of gravity";
         delay_s: f64 = identify.delay_s, Kind::Real(NOT_NEGATIVE), "s",
             "Standard deviation of the delay of the torques against positions and velocities";
+        friction_shape: f64 = identify.friction_shape, Kind::Real(NOT_NEGATIVE), "",
+            "Standard deviation of friction with the square of the speed, asymmetric or of another Stribeck speed, if no term describes it, as a share of the friction";
+        spring_share: f64 = identify.spring_share, Kind::Real(NOT_NEGATIVE), "",
+            "Standard deviation of the torque of a spring that is not among the terms, as a share of the friction";
         velocity: VelocityKind = VelocityKind::Differentiated, choice::<VelocityKind>(), "",
             "Where velocities come from while it runs";
         velocity_s: f64 = 0.02, Kind::Real(PART), "s",

@@ -239,6 +239,8 @@ impl RobotCase {
             // The zeros of the simulated encoders are those of the URDF, and nothing is late.
             zero_rad: 0.0,
             delay_s: 0.0,
+            friction_shape: 0.0,
+            spring_share: 0.0,
             ..IdentifyOptions::default()
         }
     }

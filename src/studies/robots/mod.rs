@@ -168,6 +168,8 @@ fn identifier(robot: &Robot, payload_friction: f64) -> Result<RobotIdentifier, R
         friction_walk: 0.0,
         zero_rad: 0.0,
         delay_s: 0.0,
+        friction_shape: 0.0,
+        spring_share: 0.0,
         payload_friction,
         payload: true,
         ..IdentifyOptions::default()

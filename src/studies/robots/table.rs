@@ -21,13 +21,14 @@ pub fn robots_document(trials: &[RobotTrial]) -> Document {
             alarms(trials),
             payload(
                 "friction does not depend on it",
-                "The configuration has `payload_friction = 0`, `friction_walk = 0`, `zero_rad = 0` and `delay_s = 0`: friction neither depends on the load nor drifts, the zeros of the \
-                 encoders are known exactly, and the torques are of the same instants.",
+                "The configuration has `payload_friction = 0`, `friction_walk = 0`, `zero_rad = 0`, `delay_s = 0`, `friction_shape = 0` and \
+                 `spring_share = 0`: friction is as its terms describe it, and neither depends on the load nor drifts; the zeros of the encoders \
+                 are known exactly, and the torques are of the same instants.",
                 trials.iter().map(|trial| &trial.loaded),
             ),
             payload(
                 "friction might depend on it",
-                "The same runs with the default `payload_friction = 0.05` (and `friction_walk = 0`, `zero_rad = 0`, `delay_s = 0`): gears have more friction under load, so each friction \
+                "The same runs with the default `payload_friction = 0.05` (the others as before): gears have more friction under load, so each friction \
                  parameter may change by 5 % of its size at the pick-up. Here it does not, and the mass is less certain at first.",
                 trials.iter().map(|trial| &trial.guarded),
             ),

@@ -143,8 +143,10 @@ fn ident_what_a_motion_promises_is_kept() {
         let settings = IdentifyOptions {
             formed_over_s: Some(0.02),
             friction_walk: 0.0,
-            // the forecast and the simulation both have exact zeros
+            // the forecast and the simulation both have exact zeros, and friction of the terms only
             zero_rad: 0.0,
+            friction_shape: 0.0,
+            spring_share: 0.0,
             ..IdentifyOptions::default()
         };
         let mut identifier = RobotIdentifier::new(model.clone(), settings).unwrap();

@@ -3,6 +3,7 @@
 //! ```text
 //! configuration ─▶ simulated runs ─▶ estimators side by side ─▶ docs/results.md and others
 //! machines and motions by seed ─▶ simulated robots ─▶ their identifier ─▶ docs/robot-trials.md
+//! robots, sensors and motions by seed ─▶ the identifier node ─▶ docs/random-robots.md
 //! motions and sensors ─▶ estimators beside the Cramér–Rao bound ─▶ docs/efficiency.md
 //! settings of a trial ─▶ simulated runs ─▶ the identifier node ─▶ docs/trials.md
 //! ```
@@ -33,6 +34,10 @@ enum Command {
     /// Identify simulated robots of many seeds; the tables of docs/robot-trials.md
     #[command(after_help = EXIT_CODES)]
     Robots(RobotsArgs),
+    /// Identify robots drawn at random, with sensors and motions of all kinds; the table of
+    /// docs/random-robots.md
+    #[command(after_help = EXIT_CODES)]
+    RandomRobots(RobotsArgs),
     /// Compare the errors of estimators with the least that the data allow; the tables of
     /// docs/efficiency.md
     #[command(after_help = EXIT_CODES)]
@@ -47,6 +52,7 @@ fn main() -> ExitCode {
         Command::Compare(args) => main_with(&args.common, |shutdown| studies::compare(&args, shutdown)),
         Command::Trials(args) => main_with(&args.common, |shutdown| studies::trials(&args, shutdown)),
         Command::Robots(args) => main_with(&args.common, |shutdown| studies::robots(&args, shutdown)),
+        Command::RandomRobots(args) => main_with(&args.common, |shutdown| studies::random_robots(&args, shutdown)),
         Command::Efficiency(args) => main_with(&args.common, |shutdown| studies::efficiency(&args, shutdown)),
         Command::Track(args) => main_with(&args.common, |shutdown| studies::track(&args, shutdown)),
     }

@@ -45,12 +45,11 @@ pub struct IdentifyOptions {
     /// Standard deviation of the delay of the torques against positions and velocities \[s\], ≥ 0,
     /// for which standard deviations allow as well.
     pub delay_s: f64,
-    /// Standard deviation of friction that drag, asymmetric friction or another Stribeck speed would
-    /// add, as a share of the joint's viscous and Coulomb friction, ≥ 0, for which standard
-    /// deviations allow if the model has no such term. 0 if the terms describe the friction
-    /// exactly.
+    /// Standard deviation of what drag, asymmetric friction or another Stribeck speed would add, as
+    /// a share of the joint's viscous and Coulomb friction, ≥ 0. Standard deviations allow for it
+    /// if the model has no such term. 0 if the terms describe the friction exactly.
     pub friction_shape: f64,
-    /// The same of the torque of a spring.
+    /// The same of the torque of a spring. 0 if no joint has one.
     pub spring_share: f64,
     /// Relative standard deviation of masses due to that of the drives' gains, ≥ 0.
     pub gain_std: f64,
@@ -59,7 +58,7 @@ pub struct IdentifyOptions {
 impl Default for IdentifyOptions {
     /// Blocks of 1 s; a random walk of friction of 5 % per √s after a minute, a change of half its
     /// size in a pause and of 5 % with the payload; zeros known to 5 mrad,
-    /// delays to 0.5 ms; 2 % of friction of another shape, and springs of half a percent of it.
+    /// delays to 0.5 ms; friction of another shape by 2 %, springs by 30 % of friction.
     fn default() -> Self {
         Self {
             windows: WindowOptions::default(),
@@ -74,7 +73,7 @@ impl Default for IdentifyOptions {
             zero_rad: 0.005,
             delay_s: 5e-4,
             friction_shape: 0.02,
-            spring_share: 0.005,
+            spring_share: 0.3,
             gain_std: 0.0,
         }
     }

@@ -4,6 +4,7 @@
 mod common;
 mod contenders;
 mod document;
+mod draw;
 pub mod efficiency;
 pub mod ekf;
 pub mod emps;

@@ -37,6 +37,8 @@ mod intake;
 mod model;
 #[cfg(feature = "sim")]
 mod projected;
+#[cfg(all(feature = "robot", feature = "studies"))]
+mod random_robots;
 mod relations;
 #[cfg(feature = "robot")]
 mod robot;

@@ -15,7 +15,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 /// If a configuration is named, the arm cannot be simulated, a signal arrives, or the file cannot
 /// be written.
 pub fn run(args: &RobotsArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
-    refuse_configuration(args)?;
+    refuse_configuration("robots", args)?;
     let ticker = Ticker::start("trials of robots");
     let done = AtomicUsize::new(0);
     let runs = for_each_index(args.seeds as usize, |index| {
@@ -40,13 +40,13 @@ pub fn run(args: &RobotsArgs, shutdown: &Shutdown) -> Result<Exit, Failure> {
             logging::result(&details(seed, trial))?;
         }
     }
-    let text = robots_document(&trials).markdown(&command(args));
+    let text = robots_document(&trials).markdown(&command("robots", args));
     output::write(args.out.as_deref(), &text)?;
     Ok(Exit::Done)
 }
 
-/// Refuses a configuration, because it would have no effect.
-fn refuse_configuration(args: &RobotsArgs) -> Result<(), Failure> {
+/// Refuses a configuration of the command of this name, because it would have no effect.
+pub(super) fn refuse_configuration(command: &str, args: &RobotsArgs) -> Result<(), Failure> {
     let common = &args.common;
     let given = [
         ("--config", !common.config.is_empty()),
@@ -56,7 +56,7 @@ fn refuse_configuration(args: &RobotsArgs) -> Result<(), Failure> {
     ];
     match given.iter().find(|(_, is_given)| *is_given) {
         Some((name, _)) => Err(Failure::Usage(format!(
-            "robots has a machine and settings of its own, src/studies/robots/mod.rs: expected no configuration, got {name}"
+            "{command} has machines and settings of its own, src/studies/robots: expected no configuration, got {name}"
         ))),
         None => Ok(()),
     }
@@ -71,9 +71,9 @@ fn details(seed: u64, trial: &RobotTrial) -> String {
     )
 }
 
-/// The command that generates the document.
-fn command(args: &RobotsArgs) -> String {
-    let mut words = vec![output::command("robots"), format!("--seeds {}", args.seeds)];
+/// The command of this name that generates the document.
+pub(super) fn command(name: &str, args: &RobotsArgs) -> String {
+    let mut words = vec![output::command(name), format!("--seeds {}", args.seeds)];
     if args.first_seed != 1 {
         words.push(format!("--first-seed {}", args.first_seed));
     }

@@ -4,9 +4,20 @@
 //! Each seed is another machine (bodies 15 % off the URDF) on another motion: 1 kHz, 16-bit
 //! encoders, torque noise of 0.5 % of the range, velocities computed from positions. Motion,
 //! machine and noise depend only on the seed.
+//!
+//! The files `random_*` draw other robots at random, with sensors and motions of all kinds.
 
+mod random;
+mod random_case;
+mod random_faults;
+mod random_machine;
+mod random_table;
+mod random_urdf;
 mod table;
 
+pub use random::random_robot_trial;
+pub use random_case::RandomRobotCase;
+pub use random_table::random_robots_document;
 pub use table::robots_document;
 
 use crate::robot::{

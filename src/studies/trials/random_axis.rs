@@ -1,6 +1,7 @@
 //! Servo axes drawn at random: mass, friction, drive, encoder, controller and motion.
 
 use crate::random::Random;
+use crate::studies::draw::Draw;
 use std::f64::consts::TAU;
 
 /// Motion of a drawn axis, of an amplitude that is drawn as well.
@@ -184,23 +185,5 @@ impl RandomAxisSpec {
                 ],
             ),
         }
-    }
-}
-
-/// Random numbers of the distributions that machines are drawn from.
-struct Draw(Random);
-
-impl Draw {
-    fn between(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * self.0.uniform()
-    }
-
-    /// Evenly on a logarithmic scale.
-    fn log(&mut self, low: f64, high: f64) -> f64 {
-        self.between(low.ln(), high.ln()).exp()
-    }
-
-    fn of<T: Copy>(&mut self, choices: &[T]) -> T {
-        choices[(self.0.uniform() * choices.len() as f64) as usize]
     }
 }

@@ -96,7 +96,7 @@ pub struct TrialResult {
 }
 
 /// The truth for one estimate.
-pub(super) struct Truth<'a> {
+pub(in crate::studies) struct Truth<'a> {
     /// Names of the parameters.
     pub names: &'a [String],
     /// θ at the block's end.
@@ -115,7 +115,7 @@ pub(super) struct Truth<'a> {
 
 impl TrialResult {
     /// Adds an estimate.
-    pub(super) fn add(&mut self, estimate: &Estimate, truth: &Truth<'_>) {
+    pub(in crate::studies) fn add(&mut self, estimate: &Estimate, truth: &Truth<'_>) {
         let params = (estimate.params as usize).min(truth.theta.len());
         self.parameters.resize(params, ParameterScore::default());
         self.blocks += 1;

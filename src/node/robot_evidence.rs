@@ -224,9 +224,12 @@ pub(super) fn clipped(robot: &RobotIdentifier, seq: u64) -> Option<LastError> {
     ))
 }
 
-/// A term missing in the model, in words.
+/// A term missing in the model, or reversals that take far longer, in words.
 pub(super) fn left_out(robot: &RobotIdentifier, seq: u64) -> Option<LastError> {
-    Some(misfit(format_args!("{}", robot.left_out_cause()?), seq))
+    match robot.other_travel() {
+        Some(what) => Some(misfit(format_args!("{what}"), seq)),
+        None => Some(misfit(format_args!("{}", robot.left_out_cause()?), seq)),
+    }
 }
 
 /// A drive or an encoder that has changed, or might have, in words.

@@ -100,6 +100,7 @@ mod model_checks;
 mod motion_table;
 mod offset_drift;
 mod open_block;
+mod other_travel;
 mod past;
 mod payload;
 mod persist;
@@ -164,6 +165,7 @@ pub(crate) use log::columns_in;
 pub use log::{Drives, LogColumns, RobotLog, read_log};
 pub use model::{Meaningful, RobotModel, RobotParameter};
 pub use motion_table::{MotionTable, read_motion};
+pub use other_travel::OtherTravel;
 pub use payload::Payload;
 pub use physical::{
     BodyInformation, controller_std, controller_values, declared_load, information, is_physical, project,

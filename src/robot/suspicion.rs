@@ -4,6 +4,7 @@ use super::doubt::RobotDoubt;
 use super::drive_gain_room::WrongGain;
 use super::echo::Echo;
 use super::left_out_room::LeftOutCause;
+use super::other_travel::OtherTravel;
 use super::unmodelled::Unmodelled;
 use super::urdf_prior::UrdfContradiction;
 use super::velocity_ratio::WrongVelocities;
@@ -93,6 +94,8 @@ pub enum RobotSuspicion {
     },
     /// A term missing in the model.
     LeftOut(LeftOutCause),
+    /// Reversals that take far longer than in the model.
+    Travel(OtherTravel),
     /// A drive or an encoder that has changed within the log.
     Changed(RobotDoubt),
     /// A gain that contradicts the other joints' torques.
@@ -171,6 +174,7 @@ impl fmt::Display for RobotSuspicion {
                 joint + 1
             ),
             Self::LeftOut(ref cause) => left_out(f, cause),
+            Self::Travel(what) => write!(f, "{what} as friction.presliding; nothing may be used"),
             Self::Late(what) => write!(f, "{what}; nothing may be used"),
             Self::Changed(doubt) => write!(f, "{doubt}"),
             Self::Gain(what) => write!(f, "{what}; nothing may be used"),

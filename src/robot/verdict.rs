@@ -5,6 +5,7 @@ use super::drive_gain_room::WrongGain;
 use super::identify::RobotIdentifier;
 use super::impossible_room::Impossible;
 use super::left_out_room::LeftOutCause;
+use super::other_travel::OtherTravel;
 use super::unmodelled::Unmodelled;
 use super::urdf_prior::UrdfContradiction;
 use super::velocity_ratio::WrongVelocities;
@@ -69,6 +70,13 @@ impl RobotIdentifier {
         let found = self.allowances.left_out_cause()?;
         let is_contradiction = found.what.is_considered() && self.contradiction().is_some();
         (!is_contradiction).then_some(found)
+    }
+
+    /// Reversals that take far longer than in the model, if the residuals show a term that
+    /// resembles them: then they are likelier than the term.
+    pub fn other_travel(&self) -> Option<OtherTravel> {
+        let found = self.left_out_cause()?;
+        OtherTravel::of(self).filter(|_| found.what.is_one_of_many())
     }
 
     /// True if a wrong gain is likelier than the term that the model leaves out: zeros, tilts,

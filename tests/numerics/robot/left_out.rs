@@ -176,6 +176,29 @@ fn run_disturbed(
     run
 }
 
+/// The term `reversal` describes a small excess of the travel only.
+#[test]
+fn fault_reversals_that_take_far_longer_are_named() {
+    let all = JointFriction::default();
+    // moves with rests and nine times the travel look like a change that never becomes clear
+    for (has_rests, times) in [(false, 5.0), (false, 9.0), (true, 5.0)] {
+        let mut simulation = simulation(has_rests, 3);
+        simulation.presliding = times * all.presliding;
+        let run = run(&all.terms, all.presliding, simulation, 40);
+        println!("rests {has_rests}, {times} times: {run:?}");
+        assert!(run.dangerous == 0 && run.misfits > 0, "{run:?}");
+        // "reversals of joint 5 take some 7 times its presliding: state about 1e-3"
+        let mut words = run
+            .words
+            .split(' ')
+            .skip_while(|word| !matches!(*word, "some" | "over"));
+        let told: f64 = words.nth(1).expect("the travel").parse().expect("a number");
+        // a factor of two: the travel is estimated by a term that is linear in it
+        assert!((0.5..=2.0).contains(&(told / times)), "{run:?}");
+        assert!(run.words.contains("times its presliding"), "{run:?}");
+    }
+}
+
 /// Without the test of `left_out.rs` 113 of 114 blocks of these runs that may be used are dangerous.
 /// On the motion of seed 2 without rests the watch takes the misfit for changes of friction in each
 /// block: nothing may be used, and nothing is named.

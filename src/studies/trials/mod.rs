@@ -29,6 +29,7 @@ pub use disturbance::Disturbance;
 pub use drawn::drawn_errors;
 pub use random_axis::{RandomAxisMotion, RandomAxisSpec};
 pub use run::{Trial, rest_instant};
+#[cfg(feature = "robot")]
 pub(in crate::studies) use score::Truth;
 pub use score::{Danger, ParameterScore, TrialResult};
 pub use spec::{Arm, Motion, TrialSpec};

@@ -193,14 +193,11 @@ impl LeftOut {
     fn std_of(&self, what: Unmodelled, index: usize, learner: &Learner) -> f64 {
         let (model, priors) = (&learner.arm.model, &self.priors);
         let information = |i: usize| learner.system.matrix[i * learner.estimate.n() + i];
-        let friction = |joint: usize, of: FrictionTerm| {
-            let mut terms = model.friction()[joint].terms.iter().zip(model.friction_of(joint));
-            terms.find(|(term, _)| **term == of).map(|(_, i)| i)
-        };
         let size = |i: usize| learner.estimate.theta()[i].abs();
         match what {
             Unmodelled::StribeckSpeed { joint, .. } => {
-                priors.friction_shape * friction(joint, FrictionTerm::Coulomb).map_or(0.0, size)
+                let coulomb = model.friction_term(joint, FrictionTerm::Coulomb);
+                priors.friction_shape * coulomb.map_or(0.0, size)
             }
             // without motion the term has no information, and no effect
             Unmodelled::Friction { .. } if !(information(index) > 0.0) => 0.0,
@@ -210,7 +207,7 @@ impl LeftOut {
                     _ => priors.friction_shape,
                 };
                 let over = |i: usize| size(i) * (information(i) / information(index)).sqrt();
-                let of = |term| friction(joint, term).map_or(0.0, over);
+                let of = |term| model.friction_term(joint, term).map_or(0.0, over);
                 share * (of(FrictionTerm::Viscous) + of(FrictionTerm::Coulomb)) // (11)
             }
             Unmodelled::Zero { .. } | Unmodelled::Tilt => priors.zero_rad,

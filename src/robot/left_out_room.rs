@@ -1,4 +1,4 @@
-//! Workspace of the test for missing terms, allocated at the start; (1) to (10) are those of
+//! Workspace of the test for missing terms, allocated at the start; (1) to (11) are those of
 //! [`left_out`](super::left_out).
 
 use super::identify_options::IdentifyOptions;

@@ -303,6 +303,12 @@ impl RobotModel {
         first..first + self.friction[joint].terms.len()
     }
 
+    /// Index in θ of a term of a joint's friction; `None` if the model does not have it.
+    pub fn friction_term(&self, joint: usize, term: FrictionTerm) -> Option<usize> {
+        let place = self.friction[joint].terms.iter().position(|own| *own == term)?;
+        Some(self.first_friction[joint] + place)
+    }
+
     /// The columns of a joint's row that are of its friction.
     pub(super) fn friction_columns(&self, joint: usize) -> Range<usize> {
         let end = self.indices[joint].len();

@@ -41,11 +41,8 @@ impl OtherTravel {
         let model = identifier.model();
         let mut most: Option<(f64, usize)> = None;
         let (mut sum, mut weights) = (0.0, 0.0);
-        for (joint, friction) in model.friction().iter().enumerate() {
-            let of = |wanted: FrictionTerm| {
-                let mut terms = friction.terms.iter().zip(model.friction_of(joint));
-                terms.find(|(term, _)| **term == wanted).map(|(_, i)| i)
-            };
+        for joint in 0..model.friction().len() {
+            let of = |term| model.friction_term(joint, term);
             let (Some(coulomb), Some(reversal)) = (of(FrictionTerm::Coulomb), of(FrictionTerm::Reversal)) else {
                 continue;
             };

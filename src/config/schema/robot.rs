@@ -144,7 +144,7 @@ table! {
         delay_s: f64 = identify.delay_s, Kind::Real(NOT_NEGATIVE), "s",
             "Standard deviation of the delay of the torques against positions and velocities";
         friction_shape: f64 = identify.friction_shape, Kind::Real(NOT_NEGATIVE), "",
-            "Standard deviation of friction with the square of the speed, asymmetric or of another Stribeck speed, if no term describes it, as a share of the friction";
+            "Standard deviation of what drag, asymmetric friction or another Stribeck speed adds if no term describes it, as a share of the friction";
         spring_share: f64 = identify.spring_share, Kind::Real(NOT_NEGATIVE), "",
             "Standard deviation of the torque of a spring that is not among the terms, as a share of the friction";
         velocity: VelocityKind = VelocityKind::Differentiated, choice::<VelocityKind>(), "",

@@ -245,7 +245,7 @@ impl<'a, const N: usize> RobotBound<'a, N> {
         // f_r acts through z, not at once
         let mut reversals = vec![None; rows.len()];
         for joint in 0..N {
-            if let Some(index) = self.term(joint, FrictionTerm::Reversal) {
+            if let Some(index) = self.model.friction_term(joint, FrictionTerm::Reversal) {
                 rows[index].fill(0.0);
                 reversals[index] = Some(joint);
             }
@@ -302,12 +302,6 @@ impl<'a, const N: usize> RobotBound<'a, N> {
                 *self.covariance[i].entry(j) = mean;
             }
         }
-    }
-
-    fn term(&self, joint: usize, term: FrictionTerm) -> Option<usize> {
-        let terms = &self.model.friction()[joint].terms;
-        let place = terms.iter().position(|other| *other == term)?;
-        Some(self.model.friction_of(joint).start + place)
     }
 
     /// ∂z for the parts of the step from one sample to the next.
@@ -435,7 +429,7 @@ impl<'a, const N: usize> RobotBound<'a, N> {
         let covariance = |i: usize, j: usize| inverse[(i, j)] * scale(i) * scale(j);
         let mut std: Vec<f64> = (0..count).map(|i| covariance(i, i).max(0.0).sqrt()).collect();
         for joint in 0..N {
-            let place = |term| self.term(joint, term);
+            let place = |term| self.model.friction_term(joint, term);
             if let (Some(reversal), Some(coulomb)) = (place(FrictionTerm::Reversal), place(FrictionTerm::Coulomb)) {
                 let part = self.truth.presliding / self.model.friction()[joint].presliding;
                 // df_r = (δ/δ_m − 1) df_c + (δ/δ_m) f_c dln δ

@@ -5,7 +5,7 @@ use super::random_faults::RandomFaults;
 use super::random_machine::{LENGTH_S, RandomRobot};
 use crate::messages::{Estimate, Sample, State, estimate_flags, nanoseconds};
 use crate::random::Random;
-use crate::robot::{FrictionTerm, RobotError, RobotModel, RobotSimulator};
+use crate::robot::{FrictionTerm, RobotError, RobotSimulator};
 use crate::studies::draw::Draw;
 use crate::studies::trials::{TrialResult, Truth};
 
@@ -22,7 +22,9 @@ pub fn random_robot_trial(case: RandomRobotCase, seed: u64) -> Result<TrialResul
     let mut node = machine.node()?;
     let model = node.learner().robot().model();
     let names: Vec<String> = model.parameters().iter().map(|p| p.name.clone()).collect();
-    let offsets: Vec<usize> = (0..n).filter_map(|j| offset(model, j)).collect();
+    let offsets: Vec<usize> = (0..n)
+        .filter_map(|j| model.friction_term(j, FrictionTerm::Offset))
+        .collect();
     let period_ns = nanoseconds(options.sample_period_s);
     let truths = [0.0, LENGTH_S].map(|t_s| simulator.truth(model, t_s));
     let mut result = TrialResult::default();
@@ -60,10 +62,4 @@ pub fn random_robot_trial(case: RandomRobotCase, seed: u64) -> Result<TrialResul
     }
     result.changes = u64::from(faults.changes_within(0.0, LENGTH_S));
     Ok(result)
-}
-
-/// Index of the offset of a joint.
-fn offset(model: &RobotModel, joint: usize) -> Option<usize> {
-    let mut terms = model.friction()[joint].terms.iter().zip(model.friction_of(joint));
-    terms.find(|(term, _)| **term == FrictionTerm::Offset).map(|(_, i)| i)
 }

@@ -44,7 +44,8 @@ pub fn random_robots_document(results: &[Vec<TrialResult>]) -> Document {
                 ),
                 "Half the models of the other rows have the terms of the first row, half those of the second. A **dangerous block** has `use_ok = 1` and a usable parameter, or a mass of the \
                  payload, that is more than 5 σ and more than 0.5 % off. Usable values are counted of all parameters in all blocks, and their 95 % intervals from block 6 on, outside the block of \
-                 a change. While no payload has been found, its mass is 0 without a σ and does not count. An alarm is false if nothing changed in its block or in the one before; a sensor that changes or drifts does not count as a change. Without a payload every announced \
+                 a change. While no payload has been found, its mass is 0 without a σ and does not count. An alarm is false if \
+                 nothing changed in its block or in the one before; a sensor that changes or drifts does not count as a change. Without a payload every announced \
                  change is thus false."
                     .to_owned(),
                 format!(

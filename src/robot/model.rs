@@ -152,7 +152,7 @@ impl RobotModel {
                 unit: parameter.leading.unit(&robot),
                 meaning: parameter.combination(),
                 nominal,
-                scale: scales.body(parameter.leading),
+                scale: scales.base(parameter),
                 range: Meaningful::All,
             })
             .collect();

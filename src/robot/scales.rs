@@ -1,6 +1,6 @@
 //! Size of a robot's parameters and drives, by its URDF.
 
-use super::base_parameters::Standard;
+use super::base_parameters::{BaseParameter, Standard};
 use super::friction::FrictionTerm;
 use super::spatial::BodyParameters;
 use super::tree::Robot;
@@ -65,6 +65,15 @@ impl Scales {
             Standard::Rotor { .. } => (mass * reach * reach).max(0.1 * self.mass[0] * self.reach[0].powi(2)),
             Standard::Body { .. } => mass * reach * reach,
         }
+    }
+
+    /// The same of a base parameter. The factors of its other standard parameters may be far above
+    /// 1 if the axes have no special position, but almost one.
+    pub fn base(&self, parameter: &BaseParameter) -> f64 {
+        let own = self.body(parameter.leading).powi(2);
+        let others = parameter.others.iter();
+        let others: f64 = others.map(|(other, factor)| (factor * self.body(*other)).powi(2)).sum();
+        (own + others).sqrt()
     }
 
     /// The same of a term of a joint's friction.

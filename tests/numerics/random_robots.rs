@@ -22,6 +22,18 @@ fn fault_drag_and_springs_that_the_model_leaves_out_make_nothing_surely_wrong() 
     }
 }
 
+/// Base parameters of these robots contain others with factors of up to 1477. If their priors allow
+/// only for the parameter that they are named after, the first robot has 62 dangerous blocks, and
+/// the second one 64.
+#[test]
+fn prop_priors_allow_for_all_that_a_base_parameter_is_made_of() {
+    for (case, seed) in [(RandomRobotCase::Loss, 47), (RandomRobotCase::Counts, 48)] {
+        let run = &runs(case, &[seed])[0];
+        assert_eq!((run.dangerous, run.blocks), (0, 75), "{case:?} {seed}: {:?}", run.worst);
+        assert!(run.use_ok > 10, "{case:?} {seed}: {} of 75 blocks usable", run.use_ok);
+    }
+}
+
 #[test]
 fn prop_the_page_has_a_row_for_each_case_and_their_sum() {
     let results: Vec<Vec<TrialResult>> = RandomRobotCase::ALL

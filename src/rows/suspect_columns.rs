@@ -232,6 +232,8 @@ impl SuspectColumns {
             let standing = STANDING * self.velocity_gain;
             self.by_direction[e].sense(&signals.u[joint][..len], dq, (q_std, standing));
             let speed = self.sizes.sense_speed(e, dq, q_std, self.velocity_gain);
+            let q = &signals.q[joint][..len];
+            self.sizes.sense_travel(e, q, q_std, self.sample_period_s);
             for (friction, share) in self.frictions[e].iter_mut().zip(STRIBECK_SPEEDS) {
                 for (friction, (dq, q_std)) in friction.iter_mut().zip(dq.iter().zip(q_std)) {
                     *friction = (dq / (standing * q_std)).clamp(-1.0, 1.0);

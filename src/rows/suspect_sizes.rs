@@ -19,6 +19,9 @@ const RANGE: f64 = 400.0;
 /// has moved, and above which the velocity of most samples is hardly noise.
 const MOVED: f64 = 4.0;
 const CLEAR: f64 = 20.0;
+/// Time over which a joint's travel tells whether it has moved \[s\]: a coarse encoder that rests
+/// makes velocities over a few samples more uncertain than slow motion is.
+const TRAVEL_S: f64 = 0.05;
 
 /// Sizes of the signals of a stream, and the errors considered relative to them.
 #[derive(Debug, Clone)]
@@ -38,18 +41,22 @@ pub(super) struct SuspectSizes {
 struct Speeds {
     /// In the first block in which the velocity was clear of noise.
     clear: f64,
-    /// The largest of the blocks in which the joint moved, without the noise.
+    /// The largest of the blocks in which the joint moved, without the noise, by its travel.
     fastest: f64,
 }
 
 impl Speeds {
-    /// Takes the root mean squares of a block, and of the noise in it.
+    /// Takes the root mean square of a block, and of the noise in it.
     fn sense(&mut self, own: f64, noise: f64) {
-        if own > MOVED * noise {
-            self.fastest = self.fastest.max((own * own - noise * noise).sqrt());
-        }
         if own > CLEAR * noise && self.clear == 0.0 {
             self.clear = own;
+        }
+    }
+
+    /// The same by the travel over a longer time.
+    fn sense_travel(&mut self, own: f64, noise: f64) {
+        if own > MOVED * noise {
+            self.fastest = self.fastest.max((own * own - noise * noise).sqrt());
         }
     }
 }
@@ -87,6 +94,22 @@ impl SuspectSizes {
         let speeds = &mut self.speeds[e];
         speeds.sense(root_mean_square(dq), velocity_gain * root_mean_square(q_std));
         speeds.clear
+    }
+
+    /// Takes the positions that belong to an equation in a block, and their standard deviations.
+    pub fn sense_travel(&mut self, e: usize, q: &[f64], q_std: &[f64], sample_period_s: f64) {
+        let lag = ((TRAVEL_S / sample_period_s).round() as usize).max(1);
+        let seconds = lag as f64 * sample_period_s;
+        if q.len() <= lag {
+            return;
+        }
+        let (mut own, mut noise) = (0.0, 0.0);
+        for (pair, std) in q.iter().zip(&q[lag..]).zip(q_std.iter().zip(&q_std[lag..])) {
+            own += (pair.1 - pair.0).powi(2);
+            noise += std.0.powi(2) + std.1.powi(2);
+        }
+        let of_speed = |sum: f64| (sum / (q.len() - lag) as f64).sqrt() / seconds;
+        self.speeds[e].sense_travel(of_speed(own), of_speed(noise));
     }
 
     /// Standard deviation of an error's amplitude, 0 if it is only tested for.
@@ -156,14 +179,36 @@ mod tests {
     fn val_a_joint_has_moved_long_before_each_of_its_velocities_is_clear() {
         let mut speeds = Speeds::default();
         speeds.sense(3.9, 1.0);
+        speeds.sense_travel(3.9, 1.0);
         assert_eq!((speeds.fastest, speeds.clear), (0.0, 0.0));
         speeds.sense(5.0, 1.0);
+        speeds.sense_travel(5.0, 1.0);
         assert!((speeds.fastest - 24f64.sqrt()).abs() < 1e-12);
         assert_eq!(speeds.clear, 0.0);
         // the first clear one stays
-        speeds.sense(21.0, 1.0);
-        speeds.sense(25.0, 1.0);
+        for own in [21.0, 25.0] {
+            speeds.sense(own, 1.0);
+            speeds.sense_travel(own, 1.0);
+        }
         assert_eq!(speeds.clear, 21.0);
         assert!((speeds.fastest - 624f64.sqrt()).abs() < 1e-12);
+    }
+
+    /// An encoder of 13 bits at 2 ms: one move of 0.5 rad/s in a block of rests, where the position
+    /// is known to half a count. Velocities over five samples have noise of 0.05 rad/s and more.
+    #[test]
+    fn val_a_move_between_rests_is_seen_with_a_coarse_encoder() {
+        let (period_s, count) = (2e-3, std::f64::consts::TAU / 8192.0);
+        let place = |k: usize| 0.5 * period_s * (k.clamp(1000, 1200) as f64 - 1000.0);
+        let q: Vec<f64> = (0..1900).map(|k| (place(k) / count).round() * count).collect();
+        let mut sizes = SuspectSizes::new(Considered::default(), 1);
+        sizes.sense_travel(0, &q, &vec![0.5 * count; 1900], period_s);
+        // 0.5 rad/s in 200 of 1875 steps, less at both ends
+        let expected = 0.5 * (187.5f64 / 1875.0).sqrt();
+        let found = sizes.speeds[0].fastest;
+        assert!((found - expected).abs() < 0.05 * expected, "{found} {expected}");
+        sizes.reset();
+        sizes.sense_travel(0, &vec![0.0; 1900], &vec![0.5 * count; 1900], period_s);
+        assert_eq!(sizes.speeds[0].fastest, 0.0);
     }
 }

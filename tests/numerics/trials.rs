@@ -10,7 +10,8 @@ use thetabus::node::identifier::{IdentifierNode, IdentifierOptions};
 use thetabus::rows::{ProjectedBlock, RowForm, structure};
 use thetabus::sim::{ArmSimulator, SimOptions};
 use thetabus::studies::trials::{
-    Arm, CramerRaoBound, Disturbance, Motion, Trial, TrialResult, TrialSpec, full_cases, quick_cases, rest_instant,
+    Arm, CramerRaoBound, Disturbance, Motion, RandomArmSpec, Trial, TrialResult, TrialSpec, Trouble, full_cases,
+    quick_cases, rest_instant,
 };
 
 pub fn sources() -> Vec<Source> {
@@ -253,4 +254,25 @@ fn prop_a_rest_is_found_at_which_neither_joint_moves() {
             .iter()
             .all(|s| s.dq.iter().all(|dq| dq.abs() < 1e-3))
     );
+}
+
+/// A loop that becomes unstable leaves the range of the motions, and no estimate follows.
+#[test]
+fn prop_arms_that_seeds_draw_are_stable() {
+    for trouble in [Trouble::Right, Trouble::LateChange] {
+        for seed in 0..40 {
+            let spec = RandomArmSpec {
+                trouble,
+                blocks: 20,
+                seed,
+            };
+            let config = Config::load(&sources(), &spec.trial().settings()).unwrap();
+            let sim = config.plant.sim;
+            let samples = ArmSimulator::new(&sim).unwrap().take(sim.sample_count() as usize);
+            let largest = samples.fold(0.0f64, |largest, sample| {
+                largest.max(sample.q[0].abs()).max(sample.q[1].abs())
+            });
+            assert!(largest < 3.0, "{trouble:?} {seed}: at {largest} rad");
+        }
+    }
 }

@@ -61,13 +61,13 @@ fn cases() -> impl Iterator<Item = Case> {
 fn configuration(spec: &Spec, more: &[String]) -> Result<Config, Failure> {
     let sources: Vec<Source> = Config::embedded(spec.basis()).into_iter().collect();
     let mut settings = spec.settings();
-    match spec {
-        Spec::Arm(arm) => {
-            let (first_kg, _) = arm.arm.masses_kg();
+    match spec.arm() {
+        Some(trial) => {
+            let (first_kg, _) = trial.arm.masses_kg();
             settings.push("plant.mass_2.t_s=[0.0]".to_owned());
             settings.push(format!("plant.mass_2.mass_kg=[{first_kg:?}]"));
         }
-        Spec::Axis(_) | Spec::RandomAxis(_) => {
+        None => {
             settings.push("plant.controller.kind=\"sampled\"".to_owned());
             settings.push("identifier.projected.timing=\"held\"".to_owned());
         }

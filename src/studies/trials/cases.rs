@@ -2,6 +2,7 @@
 
 use super::axis::{AxisMotion, AxisSpec};
 use super::disturbance::Disturbance;
+use super::random_arm::{RandomArmSpec, Trouble};
 use super::random_axis::{RandomAxisMotion, RandomAxisSpec};
 use super::spec::{Arm, Motion, TrialSpec};
 
@@ -17,6 +18,7 @@ const ALONE: &str = "No error considered";
 const MENDED: &str = "Model mended";
 const AXIS: &str = "Servo axis with friction";
 const AXIS_WRONG: &str = "Servo axis, model wrong";
+const RANDOM_ARMS: &str = "Arms drawn at random";
 const RANDOM_AXES: &str = "Servo axes drawn at random";
 /// v_s of friction that falls with speed \[mm/s\]; the mean speed of the axis is 0.1 m/s.
 const STRIBECK_SPEEDS: [u32; 3] = [5, 20, 50];
@@ -28,6 +30,8 @@ pub enum Spec {
     Arm(TrialSpec),
     /// The servo axis.
     Axis(AxisSpec),
+    /// An arm that the seed draws.
+    RandomArm(RandomArmSpec),
     /// A servo axis that the seed draws.
     RandomAxis(RandomAxisSpec),
 }
@@ -56,6 +60,11 @@ impl Spec {
                 blocks: blocks.unwrap_or(spec.blocks),
                 ..spec
             }),
+            Self::RandomArm(spec) => Self::RandomArm(RandomArmSpec {
+                seed,
+                blocks: blocks.unwrap_or(spec.blocks),
+                ..spec
+            }),
             Self::RandomAxis(spec) => Self::RandomAxis(RandomAxisSpec {
                 seed,
                 blocks: blocks.unwrap_or(spec.blocks),
@@ -64,10 +73,19 @@ impl Spec {
         }
     }
 
+    /// The trial of an arm; `None` for other machines.
+    pub fn arm(&self) -> Option<TrialSpec> {
+        match self {
+            Self::Arm(spec) => Some(*spec),
+            Self::RandomArm(spec) => Some(spec.trial()),
+            Self::Axis(_) | Self::RandomAxis(_) => None,
+        }
+    }
+
     /// Built-in configuration that the settings override.
     pub fn basis(&self) -> &'static str {
         match self {
-            Self::Arm(_) => "encoder_only",
+            Self::Arm(_) | Self::RandomArm(_) => "encoder_only",
             Self::Axis(_) | Self::RandomAxis(_) => "servo_axis",
         }
     }
@@ -77,6 +95,7 @@ impl Spec {
         match self {
             Self::Arm(spec) => spec.settings(),
             Self::Axis(spec) => spec.settings(),
+            Self::RandomArm(spec) => spec.trial().settings(),
             Self::RandomAxis(spec) => spec.settings(),
         }
     }
@@ -86,6 +105,7 @@ impl Spec {
         match self {
             Self::Arm(spec) => spec.words(),
             Self::Axis(spec) => spec.words(),
+            Self::RandomArm(spec) => spec.words(),
             Self::RandomAxis(spec) => spec.words(),
         }
     }
@@ -95,6 +115,7 @@ impl Spec {
         match self {
             Self::Arm(spec) => spec.disturbance,
             Self::Axis(spec) => spec.disturbance,
+            Self::RandomArm(spec) => spec.trial().disturbance,
             Self::RandomAxis(_) => Disturbance::None,
         }
     }
@@ -135,6 +156,18 @@ impl Case {
             }),
         });
         right.into_iter().chain(wrong).chain(random)
+    }
+
+    /// Cases of the arms that seeds draw.
+    fn random_arms() -> impl Iterator<Item = Self> {
+        Trouble::ALL.into_iter().map(|trouble| Self {
+            group: RANDOM_ARMS,
+            spec: Spec::RandomArm(RandomArmSpec {
+                trouble,
+                blocks: 40,
+                seed: 0,
+            }),
+        })
     }
 
     /// The name: words with slashes between them.
@@ -214,6 +247,7 @@ pub fn quick_cases() -> Vec<Case> {
         cases.extend(Disturbance::OTHER.map(|disturbance| disturbed(OTHER, motion, disturbance)));
     }
     cases.extend(Case::axes());
+    cases.extend(Case::random_arms());
     cases
 }
 
@@ -275,5 +309,6 @@ pub fn full_cases() -> Vec<Case> {
         disturbed(MENDED, disturbance, &both, &Arm::ALL);
     }
     cases.extend(Case::axes());
+    cases.extend(Case::random_arms());
     cases
 }

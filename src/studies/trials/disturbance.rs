@@ -82,7 +82,7 @@ pub enum Disturbance {
     Heating,
     /// A rotor at joint 2, in per cent of the inertia of link 2.
     Rotor(u32),
-    /// Viscous friction at both joints, in N m s/rad.
+    /// Viscous friction at both joints, in mN m s/rad.
     Viscous(u32),
     /// The gain of a motor's measured voltage is wrong from the middle of the run on.
     GainLater {
@@ -179,7 +179,7 @@ impl Disturbance {
         Self::input_offset(1, 500),
         Self::Heating,
         Self::Rotor(5),
-        Self::Viscous(20),
+        Self::Viscous(20_000),
     ];
     /// Faults of a drive or a sensor in the middle of a run.
     pub const SENSOR: [Self; 7] = [
@@ -278,7 +278,7 @@ impl Disturbance {
             } => format!("friction_{joint}_{percent}%_and_offset_{millivolts}mV_modelled"),
             Self::Heating => "heating_10%".to_owned(),
             Self::Rotor(percent) => format!("rotor_2_{percent}%"),
-            Self::Viscous(b) => format!("viscous_{b}Nms"),
+            Self::Viscous(b) => format!("viscous_{}Nms", f64::from(b) / 1000.0),
             Self::GainLater { joint, percent } => format!("gain_{joint}_later{percent:+}%"),
             Self::OffsetLater { joint, millivolts } => format!("input_offset_{joint}_later_{millivolts}mV"),
             Self::ZeroLater { joint, milliradians } => format!("zero_{joint}_later_{milliradians}mrad"),
@@ -319,9 +319,39 @@ impl Disturbance {
 
     /// True if the model, a drive or a sensor is wrong.
     fn is_of_the_machine(self) -> bool {
-        [&Self::MODEL[..], &Self::MODEL_MENDED, &Self::SENSOR, &Self::OTHER]
-            .iter()
-            .any(|group| group.contains(&self))
+        match self {
+            Self::None
+            | Self::AtRest
+            | Self::Jump(_)
+            | Self::JumpAtEnd(_)
+            | Self::Loss { .. }
+            | Self::Jitter(_)
+            | Self::PositionSpikes
+            | Self::InputSpikes
+            | Self::InputBits(_)
+            | Self::Drawn
+            | Self::NoiseAlone
+            | Self::Stribeck(_) => false,
+            Self::Friction { .. }
+            | Self::FrictionModelled { .. }
+            | Self::Delay(_)
+            | Self::DelayEstimated(_)
+            | Self::Resonance
+            | Self::Eccentricity(_)
+            | Self::Tilt
+            | Self::InputOffset { .. }
+            | Self::InputOffsetModelled { .. }
+            | Self::FrictionAndOffsetModelled { .. }
+            | Self::Heating
+            | Self::Rotor(_)
+            | Self::Viscous(_)
+            | Self::GainLater { .. }
+            | Self::OffsetLater { .. }
+            | Self::ZeroLater { .. }
+            | Self::ScaleLater { .. }
+            | Self::ClockLater(_)
+            | Self::FrictionLater { .. } => true,
+        }
     }
 
     /// Mass of link 2 after the change \[kg\].

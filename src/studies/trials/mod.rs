@@ -14,6 +14,8 @@ mod bound;
 mod cases;
 mod disturbance;
 mod drawn;
+mod drawn_arm;
+mod random_arm;
 mod random_axis;
 mod run;
 mod score;
@@ -27,6 +29,7 @@ pub use bound::CramerRaoBound;
 pub use cases::{Case, Spec, full_cases, quick_cases};
 pub use disturbance::Disturbance;
 pub use drawn::drawn_errors;
+pub use random_arm::{RandomArmSpec, Trouble};
 pub use random_axis::{RandomAxisMotion, RandomAxisSpec};
 pub use run::{Trial, rest_instant};
 #[cfg(feature = "robot")]

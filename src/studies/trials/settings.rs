@@ -239,7 +239,7 @@ fn disturbance_settings(spec: &TrialSpec) -> Vec<String> {
             vec![format!("plant.unmodelled.rotor_inertia_kg_m2={rotors:?}")]
         }
         Disturbance::Viscous(b) => {
-            let friction = [f64::from(b); 2];
+            let friction = [f64::from(b) * 1e-3; 2];
             vec![format!("plant.unmodelled.viscous_friction_n_m_s_per_rad={friction:?}")]
         }
         Disturbance::GainLater { joint, percent } => {

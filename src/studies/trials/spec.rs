@@ -1,6 +1,7 @@
 //! A trial of an arm: machine, motion, sensors, disturbance, seed.
 
 use super::disturbance::Disturbance;
+use super::drawn_arm::DrawnArm;
 use super::spread::spread;
 use crate::sim::ArmParameters;
 
@@ -14,10 +15,12 @@ pub enum Arm {
     /// Links of 0.35 m and 0.5 m of 20 kg, 23 kg after the change; small geared motors with
     /// electrical time constants of 4 ms instead of 100 ms.
     Small,
+    /// One that this seed draws.
+    Random(u64),
 }
 
 impl Arm {
-    /// Every arm.
+    /// Every arm with a name of its own.
     pub const ALL: [Self; 3] = [Self::Paper, Self::Unequal, Self::Small];
 
     /// Name in tables and filters.
@@ -26,6 +29,7 @@ impl Arm {
             Self::Paper => "paper",
             Self::Unequal => "unequal",
             Self::Small => "small",
+            Self::Random(_) => "random_arm",
         }
     }
 
@@ -54,6 +58,7 @@ impl Arm {
                 back_emf_constant_v_s_per_rad: [6.0, 7.0],
                 ..paper
             },
+            Self::Random(seed) => DrawnArm::new(seed).parameters,
         }
     }
 
@@ -63,6 +68,7 @@ impl Arm {
             Self::Paper => (150.0, 170.0),
             Self::Unequal => (80.0, 95.0),
             Self::Small => (20.0, 23.0),
+            Self::Random(seed) => DrawnArm::new(seed).masses_kg,
         }
     }
 
@@ -77,6 +83,7 @@ impl Arm {
             Self::Paper => ([120.0; 2], [12.0; 2]),
             Self::Unequal => ([120.0, 150.0], [12.0, 12.0]),
             Self::Small => ([60.0, 80.0], [4.0, 5.0]),
+            Self::Random(seed) => DrawnArm::new(seed).gains(1e-6 * f64::from(period_us)),
         }
     }
 }

@@ -268,6 +268,7 @@ pub fn trials_document(results: &[(Case, CaseResult)], seeds: u64) -> Document {
 const EXPLANATION: [&str; 5] = [
     "Each run goes through the identifier node of the service with the options of `config/encoder_only.toml`, the servo axis with those of `config/servo_axis.toml`. The noise of the \
      sensors is configured. Unless the model is wrong, the payload of the arm changes once, in the block in the middle of the run, at a time that the seed chooses. \
+     For a random arm, the seed draws links, motors, payload, controller, encoders, sample period, one of the motions, and the size of what is wrong. \
      For a random axis, the seed draws the machine (mass, friction, drive, encoder, controller), the size and pace of its motion, the sample period and the length of a block; nothing changes during the run. \
      `studies trials --show` prints the settings of each case.",
     "A **dangerous block** has `use_ok = 1` and a usable parameter or a derived value that is more than 5 σ and more than 0.5 % off. An alarm is false if nothing changed in its block or in \

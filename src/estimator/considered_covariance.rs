@@ -16,6 +16,7 @@
 //! bound in multisine motion.
 
 use super::considered::Considered;
+use super::linalg::dot;
 
 impl Considered {
     /// The error that widens parameter i most, and the sum of the variances that the errors with
@@ -25,6 +26,17 @@ impl Considered {
         let widening = |s: usize| self.moments[s * room + s] * self.sensitivity[s * self.n + i].powi(2);
         let leading = (0..self.known).max_by(|&a, &b| widening(a).total_cmp(&widening(b)));
         leading.map(|s| (s, (0..self.known).map(widening).sum()))
+    }
+
+    /// T of the error that changes a relation of value ρ and gradient a most, of those that
+    /// contradict relations, and its amplitude if it causes all of ρ. Friction has a positive one.
+    pub fn against(&self, a: &[f64], rho: f64) -> Option<(&[f64], f64)> {
+        let of = |s: usize| &self.sensitivity[s * self.n..(s + 1) * self.n];
+        let effects = (0..self.known).filter(|s| self.contradicting[*s]).map(of);
+        let slopes = effects.map(|effect| (effect, dot(a, effect)));
+        let (effect, slope) = slopes.max_by(|x, y| x.1.abs().total_cmp(&y.1.abs()))?;
+        let amplitude = rho / slope;
+        (amplitude.is_finite() && amplitude > 0.0).then_some((effect, amplitude))
     }
 
     /// Adds T_W M_W T_Wᵀ.

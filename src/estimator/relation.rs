@@ -18,6 +18,14 @@
 //! leave possible. Published is θ_W, which is right if there is no such error, with its second
 //! moment about θ_W: that is (2). Without such errors both are the same.
 //!
+//! If ρ is more than [`EVIDENT`] standard deviations s_W from 0, there may be such an error, such as
+//! viscous friction behind an inductance. With T_v its effect on θ̂ per unit, θ_V is the estimate
+//! if it explains all of ρ:
+//!
+//! ```text
+//! θ_V = θ̂ − T_v ρ/(aᵀ T_v),    P* ← P* + (1 − (2 s_W/ρ)²) (θ_W − θ_V)(θ_W − θ_V)ᵀ               (3)
+//! ```
+//!
 //! Nothing is imposed if W gives ρ a standard deviation of half the size of its products or more,
 //! or if the result would leave the bounds. If ρ is more than [`CONTRADICTION`] standard deviations
 //! from 0, the data contradict the relation: the model lacks a term, and the block is a misfit.
@@ -31,6 +39,8 @@ use super::linalg::dot;
 /// |ρ| over its standard deviation above which the data contradict the relation. If no error is
 /// considered, that happens by chance in one run of 2000.
 const CONTRADICTION: f64 = 3.5;
+/// |ρ| over the standard deviation that W gives it, above which an error may have caused it.
+const EVIDENT: f64 = 2.0;
 /// Standard deviation that W gives ρ, relative to its products, above which nothing is imposed.
 const OPEN: f64 = 0.5;
 const ITERATIONS: usize = 20;
@@ -133,9 +143,11 @@ impl Published {
         if !(known > 0.0 && known < OPEN * relation.size(own)) {
             return false;
         }
-        if relation.rho(own).abs() >= CONTRADICTION * std(covariance) {
+        let rho = relation.rho(own);
+        if rho.abs() >= CONTRADICTION * std(covariance) {
             return true;
         }
+        let caused = group.considered.against(a, rho).filter(|_| rho.abs() > EVIDENT * known);
         if !(relation.project(own, weights, a, v, nearest).is_some() && group.limits.allow(nearest)) {
             return false;
         }
@@ -146,6 +158,15 @@ impl Published {
             for q in 0..n {
                 let shift = (nearest[p] - mean[p]) * (nearest[q] - mean[q]);
                 covariance[p * n + q] += shift - v[p] * v[q] / variance; // (2)
+            }
+        }
+        if let Some((effect, amplitude)) = caused {
+            let weight = 1.0 - (EVIDENT * known / rho).powi(2);
+            let shift = |p: usize| nearest[p] - (own[p] - effect[p] * amplitude);
+            for p in 0..n {
+                for q in 0..n {
+                    covariance[p * n + q] += weight * shift(p) * shift(q); // (3)
+                }
             }
         }
         own.copy_from_slice(nearest);

@@ -15,6 +15,10 @@ use std::any::Any;
 /// Standard deviation, relative to that of the start, below which the data have informed on a
 /// parameter.
 const INFORMED: f64 = 0.5;
+/// Passes over the first blocks as one, each with weights by the θ̂ of the pass before. After a
+/// single one, θ₅ of the arm with encoders of 13 bits was off by 7 times its Cramér–Rao bound in
+/// trapezoidal motion, for as long as the run; after four by 1.1 times.
+const PASSES: usize = 4;
 
 /// Rows, estimator, state machine and derived values.
 pub struct BlockLearner<B> {
@@ -49,7 +53,8 @@ impl<B: SampleBlock + Send + 'static> BlockLearner<B> {
         pairs.any(|(std, prior)| !prior.fixed && *std < INFORMED * prior.std)
     }
 
-    /// Learns from the first blocks again as one block, which finds the θ of its weights by itself.
+    /// Learns from the first blocks again as one block, whose first pass finds the θ of its weights
+    /// by itself.
     fn learn_again(&mut self) {
         self.rows.reset();
         self.rows.forget_theta();
@@ -60,10 +65,12 @@ impl<B: SampleBlock + Send + 'static> BlockLearner<B> {
             }
         }
         self.rows.enable_scale_columns(false);
-        self.rows.prepare(self.estimator.theta());
-        self.estimator.begin_again();
-        self.estimator.update(&self.rows);
-        self.rows.know_theta();
+        for _ in 0..PASSES {
+            self.rows.prepare(self.estimator.theta());
+            self.estimator.begin_again();
+            self.estimator.update(&self.rows);
+            self.rows.know_theta();
+        }
         self.first.end();
     }
 }

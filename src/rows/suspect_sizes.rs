@@ -46,6 +46,11 @@ struct Speeds {
 }
 
 impl Speeds {
+    /// That of the first clear block, or by the travel if the encoder is too coarse for one.
+    fn typical(&self) -> f64 {
+        if self.clear > 0.0 { self.clear } else { self.fastest }
+    }
+
     /// Takes the root mean square of a block, and of the noise in it.
     fn sense(&mut self, own: f64, noise: f64) {
         if own > CLEAR * noise && self.clear == 0.0 {
@@ -148,7 +153,7 @@ impl SuspectSizes {
 
     /// The size of a joint's input over the speed of the error's equation; 0 before it moved.
     fn per_speed(&self, suspect: usize, size: f64) -> f64 {
-        match SuspectPlaces::within(suspect).map_or(0.0, |(e, _)| self.speeds[e].clear) {
+        match SuspectPlaces::within(suspect).map_or(0.0, |(e, _)| self.speeds[e].typical()) {
             0.0 => 0.0,
             speed => size / speed,
         }

@@ -18,9 +18,9 @@
 //! leave possible. Published is θ_W, which is right if there is no such error, with its second
 //! moment about θ_W: that is (2). Without such errors both are the same.
 //!
-//! If ρ is more than [`EVIDENT`] standard deviations s_W from 0, there may be such an error, such as
-//! viscous friction behind an inductance. With T_v its effect on θ̂ per unit, θ_V is the estimate
-//! if it explains all of ρ:
+//! If ρ is more than [`EVIDENT`] standard deviations s_W from 0, it may be such an error, for
+//! example viscous friction behind an inductance. With T_v its effect on θ̂ per unit, θ_V is the
+//! estimate if it explains all of ρ:
 //!
 //! ```text
 //! θ_V = θ̂ − T_v ρ/(aᵀ T_v),    P* ← P* + (1 − (2 s_W/ρ)²) (θ_W − θ_V)(θ_W − θ_V)ᵀ               (3)

@@ -16,8 +16,8 @@ use std::any::Any;
 /// parameter.
 const INFORMED: f64 = 0.5;
 /// Passes over the first blocks as one, each with weights by the θ̂ of the pass before. After a
-/// single one, θ₅ of the arm with encoders of 13 bits was off by 7 times its Cramér–Rao bound in
-/// trapezoidal motion, for as long as the run; after four by 1.1 times.
+/// single one, θ₅ of an arm with encoders of 13 bits was off by 8 to 14 times its Cramér–Rao bound
+/// for as long as the run (`tests/numerics/whole_runs.rs`).
 const PASSES: usize = 4;
 
 /// Rows, estimator, state machine and derived values.

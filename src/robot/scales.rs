@@ -67,8 +67,8 @@ impl Scales {
         }
     }
 
-    /// The same of a base parameter. The factors of its other standard parameters may be far above
-    /// 1 if the axes have no special position, but almost one.
+    /// The same of a base parameter. If axes have arbitrary directions, the factors of its other
+    /// standard parameters may be far above 1.
     pub fn base(&self, parameter: &BaseParameter) -> f64 {
         let own = self.body(parameter.leading).powi(2);
         let others = parameter.others.iter();

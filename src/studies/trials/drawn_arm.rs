@@ -1,7 +1,7 @@
 //! A two-joint arm drawn at random: links, motors, payload and controller.
 
 use crate::random::Random;
-use crate::sim::ArmParameters;
+use crate::sim::{ArmDynamics, ArmParameters};
 use crate::studies::draw::Draw;
 
 /// Largest natural frequency of the closed loop \[rad/s\].
@@ -94,7 +94,7 @@ impl DrawnArm {
     /// Torque that holds link 2 level \[N m\].
     pub fn holding_torque(&self) -> f64 {
         let arm = &self.parameters;
-        0.5 * self.masses_kg.0 * arm.gravity_m_s2 * arm.length_2_m
+        ArmDynamics::new(&arm.with_mass_2(self.masses_kg.0), arm.gravity_m_s2).holding_torque(0.0)
     }
 
     /// Voltage of a motor with the torque that holds link 2 level \[V\].

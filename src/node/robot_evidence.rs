@@ -226,10 +226,11 @@ pub(super) fn clipped(robot: &RobotIdentifier, seq: u64) -> Option<LastError> {
 
 /// A term missing in the model, or reversals that take far longer, in words.
 pub(super) fn left_out(robot: &RobotIdentifier, seq: u64) -> Option<LastError> {
-    match robot.other_travel() {
-        Some(what) => Some(misfit(format_args!("{what}"), seq)),
-        None => Some(misfit(format_args!("{}", robot.left_out_cause()?), seq)),
-    }
+    let found = robot.left_out_cause()?;
+    Some(match robot.other_travel(&found) {
+        Some(travel) => misfit(format_args!("{travel}"), seq),
+        None => misfit(format_args!("{found}"), seq),
+    })
 }
 
 /// A drive or an encoder that has changed, or might have, in words.

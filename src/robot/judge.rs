@@ -136,10 +136,10 @@ pub fn judge_robot_fit(identifier: &RobotIdentifier, states: &[FilteredSample]) 
             found.push(RobotSuspicion::NegativeInertia { joint });
         }
         _ if identifier.is_gain_likelier() => {}
-        _ => match identifier.other_travel() {
-            Some(what) => found.push(RobotSuspicion::Travel(what)),
-            None => found.extend(identifier.left_out_cause().map(RobotSuspicion::LeftOut)),
-        },
+        _ => found.extend(identifier.left_out_cause().map(|cause| {
+            let travel = identifier.other_travel(&cause).map(RobotSuspicion::Travel);
+            travel.unwrap_or(RobotSuspicion::LeftOut(cause))
+        })),
     }
     // a wrong ratio is a suspicion about the log
     let late = identifier

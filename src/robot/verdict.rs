@@ -72,10 +72,9 @@ impl RobotIdentifier {
         (!is_contradiction).then_some(found)
     }
 
-    /// Reversals that take far longer than in the model, if the residuals show a term that
-    /// resembles them: then they are likelier than the term.
-    pub fn other_travel(&self) -> Option<OtherTravel> {
-        let found = self.left_out_cause()?;
+    /// Reversals that take far longer than in the model, if the term that was `found` resembles
+    /// them: then they are likelier than the term.
+    pub fn other_travel(&self, found: &LeftOutCause) -> Option<OtherTravel> {
         OtherTravel::of(self).filter(|_| found.what.is_one_of_many())
     }
 
